@@ -161,9 +161,8 @@ class Scheduler:
         """Add nodes, new ones or some that had left; they have no links. Harmless for nodes that are here."""
         new = set(nodes) - self._here
         self._here |= new
-        self._leaving -= new
         # A node may come back before the job has ended that it had: then `free` makes it free.
-        self._free |= new - {node for busy in self._busy.values() for node in busy}
+        self._free |= new - self._leaving - {node for busy in self._busy.values() for node in busy}
 
     def leave(self, nodes: Iterable[int]) -> set[int]:
         """Remove nodes that are gone; return the jobs that have one of them, which must end."""
@@ -188,7 +187,7 @@ class Scheduler:
             for each job whose cells move, the new node of each old one. A job that is not among them keeps its nodes;
             a later call may find free ones.
         """
-        self._leaving.update(self._here.intersection(nodes))
+        self._leaving.update(nodes)  # also those that are not here yet: their host may be told to end as it starts
         self._free -= self._leaving
         moved = {}
         for number, own in self._busy.items():

@@ -1,7 +1,7 @@
 """The coordinator's record of hosts: which have joined, with which nodes, and which have left.
 
 A host's liveliness token drops when the host ends, but also when the router does. So a host counts as gone only after
-it has stayed away for `LEFT_AFTER`. A host that returns under the same name before that gets the same node numbers, and
+it has stayed away for a while. A host that returns under the same name before that gets the same node numbers, and
 the jobs on these nodes continue. One that stays away for longer may only be cut off: it gets its numbers when it comes
 back, and no other host does, but jobs that needed them have failed. A host that is about to end may ask first that its
 jobs move to other nodes; it counts as gone as soon as its token drops.
@@ -29,7 +29,9 @@ from wire.keys import Keys
 from wire.seal import NOT_OURS, Seal
 from wire.strict import Rejected
 
-LEFT_AFTER = 30.0  # seconds; a container that is restarted is back within a few
+HOST_TIMEOUT = 120.0
+"""Seconds that a host may stay away. A container that is restarted is back within a few; one that was cut off for a
+minute needs as long again, until TCP or Zenoh tries once more."""
 
 _ANSWER_WITHIN = 5.0
 _MOST_LOST = 4096  # nodes whose numbers are kept for hosts that may only be cut off
@@ -60,6 +62,7 @@ class HostBook:
         hooks: keeps the hosts for the coordinator that takes over, and knows those of the one before.
         most_nodes: how many nodes may join; None for any number. A host that finds no room gets no numbers, and asks
             again.
+        timeout: how many seconds a host may stay away until it counts as gone.
     """
 
     def __init__(
@@ -73,8 +76,10 @@ class HostBook:
         complain: Callable[[str], None],
         hooks: Hooks,
         most_nodes: int | None = None,
+        timeout: float = HOST_TIMEOUT,
     ) -> None:
         self._hooks = hooks
+        self._timeout = timeout
         self._complain = complain
         self._most_nodes = most_nodes
         self._session = session
@@ -146,7 +151,7 @@ class HostBook:
             self._lost.pop(host.id, None)
             is_new, self._hosts[host.id] = self._hosts.get(host.id) != host, host
             if host.id not in self._present:  # its token has not been reported yet; until then it counts as away
-                self._away[host.id] = time.monotonic() + LEFT_AFTER
+                self._away[host.id] = time.monotonic() + self._timeout
             if is_new:
                 self._came(host)
 
@@ -190,7 +195,7 @@ class HostBook:
         else:
             self._present.discard(seen.id)
             if seen.id in self._hosts:
-                stay = 0.0 if seen.id in self._drained else LEFT_AFTER
+                stay = 0.0 if seen.id in self._drained else self._timeout
                 self._away[seen.id] = time.monotonic() + stay
 
     def _give_up_those_away(self) -> None:
@@ -206,7 +211,7 @@ class HostBook:
                 self._drained.discard(host)
                 self._left(gone)
             else:  # this process is cut off from the router, so nothing is known of the host
-                self._away[host] = now + LEFT_AFTER
+                self._away[host] = now + self._timeout
 
     def _answer(self, query: zenoh.Query) -> Done | Refused:
         try:

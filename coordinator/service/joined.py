@@ -11,7 +11,7 @@ from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.job import JobEntry, Moved, Placement
 from coordinator.jobs.node_hosts import PORTS
 from coordinator.jobs.running import EVAL_TIMEOUT
-from coordinator.service.host_book import LEFT_AFTER, HostBook
+from coordinator.service.host_book import HOST_TIMEOUT, HostBook
 from coordinator.service.process import Options, run
 from coordinator.service.roster import Roster
 from coordinator.service.service_dispatcher import ServiceDispatcher
@@ -29,6 +29,7 @@ def preside(config: NodeConfig, options: Options, max_queue: int | None) -> None
         max_queue=max_queue,
         most_nodes=options.most_nodes,
         eval_timeout=options.eval_timeout,
+        host_timeout=options.host_timeout,
     )
     run(config, replace(options, joined=True), make_dispatcher)
 
@@ -47,13 +48,14 @@ class JoinedDispatcher(ServiceDispatcher):
         max_queue: int | None,
         most_nodes: int | None = None,
         eval_timeout: float = EVAL_TIMEOUT,
+        host_timeout: float = HOST_TIMEOUT,
     ) -> None:
         super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes, eval_timeout=eval_timeout)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
-        self._book = HostBook(
-            session, keys, seal, self._came, self._leave, self._drain, self._complain, hooks, most_nodes
-        )
+        self._host_timeout = host_timeout
+        callbacks = self._came, self._leave, self._drain, self._complain
+        self._book = HostBook(session, keys, seal, *callbacks, hooks, most_nodes, host_timeout)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
         self._roster = Roster(session, keys, self.replaced, self.joined, self.returned)
         self._roster.look()
@@ -98,6 +100,8 @@ class JoinedDispatcher(ServiceDispatcher):
 
     def _leave(self, host: Host) -> None:
         numbers = ", ".join(map(str, host.nodes))
-        why = f"host {host.name} has been away for {LEFT_AFTER:.0f} s, or has come back without its nodes {numbers}"
+        why = (
+            f"host {host.name} has been away for {self._host_timeout:g} s, or has come back without its nodes {numbers}"
+        )
         self.left(host.nodes, why)
         self._roster.forget(host.nodes)

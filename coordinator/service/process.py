@@ -23,6 +23,7 @@ from coordinator.jobs.hooks import MakeJobRunner
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.log_lines import LogLines
 from coordinator.service.checking import Checker
+from coordinator.service.host_book import HOST_TIMEOUT
 from coordinator.service.lanes import Lanes
 from coordinator.service.request_handler import RequestHandler
 from coordinator.service.waiting_room import Queue, WaitingRoom
@@ -58,6 +59,7 @@ class Options:
         most_nodes: how many nodes may join; None for any number.
         eval_timeout: how many seconds an evaluation may go on once its job is stopped, if nodes join.
         checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
+        host_timeout: how many seconds a host may stay away until it counts as gone, if nodes join.
         joined: whether router, spy and nodes were started separately, so that they stay when the coordinator ends.
     """
 
@@ -68,6 +70,7 @@ class Options:
     most_nodes: int | None = None
     eval_timeout: float = EVAL_TIMEOUT
     checkpoint_every: float | None = CHECKPOINT_EVERY
+    host_timeout: float = HOST_TIMEOUT
     joined: bool = False
 
 

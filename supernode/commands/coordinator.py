@@ -17,6 +17,7 @@ from supernode.commands.role_options import (
     prepare_process,
     secret_of,
 )
+from supernode.commands.run_options import positive
 
 EXAMPLE = "supernode coordinator --connect tcp/192.168.1.7:7447 --nodes 16"
 
@@ -34,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "keep-records", "keep only the newest N of each kind (1000000)", metavar="N", default="1000000")
     add_trust(parser)
     add_eval_timeout(parser)
+    parser.add_argument(
+        "--host-timeout", metavar="S", type=positive, help="let jobs fail whose host was away for so many seconds (120)"
+    )
     add_checkpoint(parser, "30s")
 
 
@@ -55,6 +59,7 @@ def run(options: argparse.Namespace) -> int:
 
     from coordinator.jobs.running import EVAL_TIMEOUT
     from coordinator.launch.imports import import_all
+    from coordinator.service.host_book import HOST_TIMEOUT
     from coordinator.service.joined import preside
     from coordinator.service.process import Options
     from coordinator.store.record_book import Keep
@@ -62,7 +67,8 @@ def run(options: argparse.Namespace) -> int:
 
     import_all()
     keep, limits = Keep(keep_days, keep_records), (most_nodes, options.eval_timeout or EVAL_TIMEOUT, options.checkpoint)
-    how = Options(nodes, database, keep, options.log_json, *limits)
+    host_timeout = options.host_timeout or HOST_TIMEOUT
+    how = Options(nodes, database, keep, options.log_json, *limits, host_timeout=host_timeout)
     preside(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options)), how, max_queue)
     return exits.OK
 

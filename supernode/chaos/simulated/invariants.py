@@ -1,9 +1,11 @@
 """What must hold in a simulated cluster at every look, and at the end."""
 
 from collections import defaultdict
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+from node.assignment import Assignment
 from node.replay import replay
 from problems import BadInput, ProblemFile
 from spy.past import Lived, Past
@@ -20,9 +22,13 @@ class Invariants:
         cluster: the cluster.
         client: the client.
         broken: takes a sentence for each thing that is broken.
+        may_lose_hosts: whether hosts stay away for so long that jobs may fail because of it.
     """
 
-    def __init__(self, world: World, cluster: Cluster, client: SimulatedClient, broken: list[str]) -> None:
+    def __init__(
+        self, world: World, cluster: Cluster, client: SimulatedClient, broken: list[str], may_lose_hosts: bool
+    ) -> None:
+        self._may_lose_hosts = may_lose_hosts
         self._world = world
         self._cluster = cluster
         self._client = client
@@ -40,8 +46,14 @@ class Invariants:
         asked = self._client.jobs
         return len(asked) == jobs and all(each.ended_at is not None or each.refused is not None for each in asked)
 
+    def strays(self) -> list[int]:
+        """Return the nodes that still run a cell."""
+        return [node for node, assignment in self._running()]
+
     def at_the_end(self) -> None:
-        """Look at what the client was told."""
+        """Look at what the client was told, and whether all nodes have stopped."""
+        if strays := self.strays():
+            self._complain(f"all jobs have ended, but nodes {strays} still run cells")
         for asked in self._client.jobs:
             self._told(asked)
             if asked.result is not None:
@@ -58,11 +70,7 @@ class Invariants:
         self._numbers()
         on: dict[tuple[int, int, int], list[int]] = defaultdict(list)
         epochs: dict[int, set[int]] = defaultdict(set)
-        for node, process in self._cluster.nodes.items():
-            living = self._cluster.processes.get(f"node {node}")
-            assignment = process.driver.assignment
-            if living is None or not living.alive or assignment is None or assignment.cell.state != "running":
-                continue
+        for node, assignment in self._running():
             on[assignment.job, assignment.epoch, assignment.cell.number].append(node)
             epochs[assignment.job].add(assignment.epoch)
         for (job, epoch, cell), nodes in on.items():
@@ -71,6 +79,14 @@ class Invariants:
         for job, there in epochs.items():
             if max(there) - min(there) > 1:
                 self._complain(f"job {job}: epochs {sorted(there)} run at the same time")
+
+    def _running(self) -> Iterator[tuple[int, Assignment]]:
+        """Yield the nodes that run a cell, and what they are assigned to."""
+        for node, process in self._cluster.nodes.items():
+            living = self._cluster.processes.get(f"node {node}")
+            assignment = process.driver.assignment
+            if living is not None and living.alive and assignment is not None and assignment.cell.state == "running":
+                yield node, assignment
 
     def _numbers(self) -> None:
         """No two hosts have a node of the same number."""
@@ -93,6 +109,8 @@ class Invariants:
             self._complain(f"{asked.id}: its fitness is {result['fitness']}, but the client was told {best[max(best)]}")
 
     def _result(self, asked: Asked, result: dict[str, Any]) -> None:
+        if result["status"] == "failed" and "has been away for" in result["message"] and self._may_lose_hosts:
+            return
         if result["status"] == "failed":
             self._complain(f"{asked.id} failed: {result['message']}")
         elif asked.file.run.mode == "lockstep":

@@ -17,6 +17,9 @@ from supernode.chaos.simulated.world import Process, World
 from wire.hosts import Host
 from wire.seal import Seal
 
+HOST_TIMEOUT = 10.0
+"""Seconds that a host may stay away; shorter than usual, so that it is met."""
+
 _DRAINED_WITHIN = 25.0  # seconds from SIGTERM until a host ends whatever jobs need
 _REFUSED_AGAIN = 1.0  # seconds until a host whose agent has ended tries again
 
@@ -171,5 +174,5 @@ class JoinedCluster(Cluster):
         return NodeConfig(self.keys.cluster, node, "", folder, *common, host=host.host.id)
 
     def _serve(self, first: bool) -> None:
-        make_dispatcher = partial(JoinedDispatcher, seal=Seal(self._secret), max_queue=None)
+        make_dispatcher = partial(JoinedDispatcher, seal=Seal(self._secret), max_queue=None, host_timeout=HOST_TIMEOUT)
         self._be_the_coordinator(make_dispatcher, self._expected, joined=True)

@@ -14,7 +14,8 @@ _SPECIAL = ("spy", "router", "coordinator")
 _LENGTHS = (1.0, 8.0)  # seconds of faults
 _STEPS = (500, 4000)  # generations of all cells of a job together
 _MOST_FAULTS = 14
-_HOST_AWAY = 15.0  # seconds, at most: less than the time after which a host counts as gone
+_HOST_AWAY = 20.0  # seconds, at most
+_LEAST_LOST = 8.0  # seconds; a host counts as gone a little later
 _SHORTEST_WORK = 0.1e-3  # seconds
 
 
@@ -94,6 +95,14 @@ class Plan:
     latency: float
     work: float
     faults: tuple[Fault, ...]
+
+    @property
+    def loses_hosts(self) -> bool:
+        """Whether hosts may stay away for so long that they count as gone, also by several faults together."""
+        hosts = {host.name for host in self.hosts}
+        return (
+            sum(fault.seconds for fault in self.faults if fault.whom in hosts or fault.whom == "router") > _LEAST_LOST
+        )
 
 
 def drawn(seed: int) -> Plan:

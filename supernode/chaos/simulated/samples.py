@@ -1,15 +1,28 @@
 """Stand-ins for what `zenoh` hands out: samples, answers, queries, publishers and declarations."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Protocol, Self
 
 from supernode.chaos.simulated.network import Ask, Final, Link, Reply
 
-if TYPE_CHECKING:
-    from supernode.chaos.simulated.sessions import Session
-
 SEND = 20e-6
 """Seconds that sending takes."""
+
+
+class Session(Protocol):
+    """What these need of the session that they belong to."""
+
+    def spend(self, seconds: float) -> None:
+        """Let the calling task work for a while."""
+
+    def send(self, link: Link, message: Any) -> None:
+        """Send a message over a link."""
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Publish a message."""
+
+    def undeclare(self, declared: "Declared") -> None:
+        """End a declaration."""
 
 
 class ZError(Exception):
@@ -67,7 +80,7 @@ class Callback:
 class Query:
     """Instead of `zenoh.Query`: a question that this process is to answer."""
 
-    def __init__(self, session: "Session", link: Link, ask: Ask) -> None:
+    def __init__(self, session: Session, link: Link, ask: Ask) -> None:
         self.key_expr = ask.key
         self.payload = Bytes(ask.payload)
         self._session = session
@@ -101,7 +114,7 @@ class Query:
 class Declared:
     """Something that a session has declared; `undeclare` ends it."""
 
-    def __init__(self, session: "Session", kind: str, key: str, call: Callable[[Any], None] | None) -> None:
+    def __init__(self, session: Session, kind: str, key: str, call: Callable[[Any], None] | None) -> None:
         self.kind = kind
         self.key = key
         self.call = call or _ignore
@@ -116,7 +129,7 @@ class Declared:
 class Publisher:
     """Instead of `zenoh.Publisher`."""
 
-    def __init__(self, session: "Session", key: str) -> None:
+    def __init__(self, session: Session, key: str) -> None:
         self._session = session
         self._key = key
         self._is_gone = False

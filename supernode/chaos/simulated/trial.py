@@ -26,6 +26,7 @@ from supernode.chaos.simulated.world import Process, World
 
 _READY_WITHIN = 60.0  # seconds of simulated time
 _ENDS_WITHIN = 300.0  # seconds after the last fault
+_STOPS_WITHIN = 30.0  # seconds from the end of the last job until all cells have stopped
 _LOOK_EVERY = 0.1  # seconds between two looks at the cluster
 
 
@@ -90,7 +91,7 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
             cluster = Cluster(world, network, plan.topology, state, processes)
         client = SimulatedClient(world, network, cluster.router, cluster.keys)
         disk.fails = lambda: world.now < cluster.disk_fails_until
-        invariants = Invariants(world, cluster, client, broken)
+        invariants = Invariants(world, cluster, client, broken, plan.loses_hosts)
         for number, job in enumerate(plan.jobs):
             world.at(job.at, partial(client.submit, f"job-{number}", file.with_run(**job.settings())))
         last = 0.0
@@ -99,7 +100,9 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
             world.at(fault.at, partial(cluster.suffer, fault))
         world.at(_LOOK_EVERY, lambda: invariants.look(_LOOK_EVERY))
         over = world.run(lambda: invariants.all_ended(len(plan.jobs)) and world.now > last, last + _ENDS_WITHIN)
-        if not over:
+        if over:
+            world.run(lambda: not invariants.strays(), world.now + _STOPS_WITHIN)
+        else:
             broken.append(f"not all jobs ended: {[(job.id, job.status) for job in client.jobs]}")
         invariants.at_the_end()
         world.end()

@@ -136,8 +136,8 @@ def test_one_that_comes_again_in_time_gets_its_numbers_again(room):
     assert room.left.get(timeout=10).nodes == (3,)
 
 
-def test_one_that_stays_away_has_left(room, monkeypatch):
-    monkeypatch.setattr(host_book, "LEFT_AFTER", 0.2)
+def test_one_that_stays_away_has_left(room):
+    room.book._timeout = 0.2
     room.join("a1", "a", 2)
     room.join("b1", "b", 1)
     room.go("a1")
@@ -147,8 +147,8 @@ def test_one_that_stays_away_has_left(room, monkeypatch):
     assert room.left.empty()
 
 
-def test_one_that_was_cut_off_for_long_gets_its_numbers_back(room, monkeypatch):
-    monkeypatch.setattr(host_book, "LEFT_AFTER", 0.2)
+def test_one_that_was_cut_off_for_long_gets_its_numbers_back(room):
+    room.book._timeout = 0.2
     room.join("a1", "a", 2)
     token = room.tokens.pop("a1")
     token.undeclare()
@@ -201,7 +201,7 @@ def test_a_host_that_says_that_it_leaves_is_gone_with_its_token(room):
     assert room.ask(leaving) == Done([])
     assert room.left.empty()
     room.go("a1")
-    assert room.left.get(timeout=host_book.LEFT_AFTER / 3).nodes == (0, 1)
+    assert room.left.get(timeout=host_book.HOST_TIMEOUT / 3).nodes == (0, 1)
     assert room.join("b1", "b", 2) == (0, 1)
 
 
@@ -230,8 +230,8 @@ def test_a_host_that_is_cut_off_when_the_coordinator_is_replaced_keeps_its_numbe
     assert until_let_in(room, "a2", "a", 2) == (0, 1)
 
 
-def test_a_host_that_was_given_up_is_still_known_to_the_next_coordinator(room, monkeypatch):
-    monkeypatch.setattr(host_book, "LEFT_AFTER", 0.2)
+def test_a_host_that_was_given_up_is_still_known_to_the_next_coordinator(room):
+    room.book._timeout = 0.2
     assert room.join("a1", "a", 2) == (0, 1)
     room.go("a1")
     assert room.left.get(timeout=10.0).id == "a1"
