@@ -271,7 +271,7 @@ class Dispatcher:
             for spec, wiring in [each for each in known if each is not None]:
                 if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:  # in this order too
                     return wiring
-            wiring = self._node_hosts.wiring(next(self._numbers), nodes)
+            wiring = self._node_hosts.wiring(self._node_hosts.number(self._numbers, nodes), nodes)
             self._note(topology, wiring)
             return wiring
 

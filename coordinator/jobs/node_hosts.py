@@ -1,12 +1,15 @@
 """The host and the network address of each node, for the wirings of a cluster on several machines or containers."""
 
-from collections.abc import Iterable
+import itertools
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from wire.control import Wiring
 from wire.hosts import Host
 
-PORTS = 4  # that a node uses in turn: the links of the old wiring are still open when those of the new one are made
+PORTS = 4  # that a node uses in turn: the links of old wirings are still open when those of a new one are made
+_OPEN = 2  # wirings whose links a node may have open: of the present epoch and of the one before
 
 
 @dataclass
@@ -17,13 +20,11 @@ class _NodeHost:
         host: the host's id.
         place: where the host is: its label, and its name.
         endpoint: the endpoint of the node's first port; "" if it does not listen.
-        turn: the turn of the node's ports.
     """
 
     host: str
     place: str
     endpoint: str
-    turn: int
 
 
 class NodeHosts:
@@ -31,12 +32,13 @@ class NodeHosts:
 
     def __init__(self) -> None:
         self._node_hosts: dict[int, _NodeHost] = {}
+        self._latest: dict[int, tuple[int, ...]] = {}  # the latest wirings of a node, also of one that is gone
 
-    def move_in(self, host: Host, turn: int = 0) -> None:
-        """Note the nodes of a host; ``turn`` is the first of the ports that they use."""
+    def move_in(self, host: Host) -> None:
+        """Note the nodes of a host."""
         where = "/".join(part for part in (host.label, host.name) if part)
         for place, node in enumerate(host.nodes):
-            self._node_hosts[node] = _NodeHost(host.id, where, _endpoint(host.endpoint, place), turn)
+            self._node_hosts[node] = _NodeHost(host.id, where, _endpoint(host.endpoint, place))
 
     def place_of(self, node: int) -> str:
         """Return where a node's host is, such as ``block/rack/host``; "" if no host has joined with it."""
@@ -53,25 +55,37 @@ class NodeHosts:
         places = [self._node_hosts.get(node) for node in nodes]
         return tuple("" if each is None else each.host for each in places) if any(places) else ()
 
+    def number(self, numbers: Iterator[int], nodes: tuple[int, ...]) -> int:
+        """Return the next of these numbers for a wiring of these nodes.
+
+        The number decides at which port each node listens. At the port of an old wiring its old links may be open
+        still, also if the node was given up and is back: a neighbour that dials it would take them for the new ones.
+        """
+        ahead = list(itertools.islice(numbers, PORTS))
+        taken = Counter(number % PORTS for node in nodes for number in self._latest.get(node, ()))
+        return min(ahead, key=lambda number: taken[number % PORTS])
+
     def wiring(self, number: int, nodes: tuple[int, ...]) -> Wiring:
-        """Return the wiring of these nodes, in the order of the cells; if on different hosts, they get new ports."""
+        """Return the wiring of that number and of these nodes, in the order of the cells."""
+        for node in nodes:
+            self._latest[node] = (*self._latest.get(node, ()), number)[-_OPEN:]
         hosts, places = self.hosts_of(nodes), [self._node_hosts.get(node) for node in nodes]
         if len(set(hosts)) <= 1:  # all links are within one host, over Unix sockets, so nobody listens at a port
             return Wiring(number, nodes, hosts)
-        return Wiring(number, nodes, hosts, tuple("" if each is None else _next_endpoint(each) for each in places))
+        turn = number % PORTS
+        return Wiring(
+            number, nodes, hosts, tuple("" if each is None else _next_port(each.endpoint, turn) for each in places)
+        )
 
 
 def _endpoint(first: str, place: int) -> str:
     """Return the endpoint of the first port of the node at position ``place`` of a host, whose own is ``first``."""
-    if not first:
-        return ""
-    address, _, port = first.rpartition(":")
-    return f"{address}:{int(port) + PORTS * place}"
+    return _next_port(first, PORTS * place)
 
 
-def _next_endpoint(host: _NodeHost) -> str:
-    if not host.endpoint:
+def _next_port(endpoint: str, further: int) -> str:
+    """Return the endpoint that is so many ports further; "" if there is none."""
+    if not endpoint:
         return ""
-    host.turn = (host.turn + 1) % PORTS
-    address, _, port = host.endpoint.rpartition(":")
-    return f"{address}:{int(port) + host.turn}"
+    address, _, port = endpoint.rpartition(":")
+    return f"{address}:{int(port) + further}"

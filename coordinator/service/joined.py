@@ -9,7 +9,6 @@ import zenoh
 
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.job import JobEntry, Moved, Placement
-from coordinator.jobs.node_hosts import PORTS
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.host_book import HOST_TIMEOUT, HostBook
 from coordinator.service.process import Options, run
@@ -52,7 +51,6 @@ class JoinedDispatcher(ServiceDispatcher):
     ) -> None:
         super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes, eval_timeout=eval_timeout)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
-        self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
         self._host_timeout = host_timeout
         callbacks = self._came, self._leave, self._drain, self._complain
         self._book = HostBook(session, keys, seal, *callbacks, hooks, most_nodes, host_timeout)
@@ -66,7 +64,7 @@ class JoinedDispatcher(ServiceDispatcher):
 
     def _came(self, host: Host) -> None:
         with self._lock:
-            self._node_hosts.move_in(host, self._first_port)
+            self._node_hosts.move_in(host)
             self._scheduler.stay(host.nodes)  # it may have been about to end before
 
     def _complain(self, error: str) -> None:

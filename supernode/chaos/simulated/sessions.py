@@ -60,9 +60,11 @@ class _Liveliness:
 class Session(Station):
     """Instead of `zenoh.Session`; its callbacks run one after another, on a task of its own, in order of arrival."""
 
-    def __init__(self, network: Network, process: Process, listen: list[str], connect: list[str]) -> None:
+    def __init__(
+        self, network: Network, process: Process, listen: list[str], connect: list[str], *, is_peer: bool = False
+    ) -> None:
         super().__init__(network, process)
-        self.is_peer = False
+        self.is_peer = is_peer
         self._declared: list[Declared] = []
         self._watchers: list[Declared] = []
         self._asked: dict[int, _Asked] = {}
@@ -70,6 +72,10 @@ class Session(Station):
         self._endpoints = connect
         self.info = types.SimpleNamespace(routers_zid=lambda: [link.there for link in self.links])
         for endpoint in listen:
+            before = network.listeners.get(endpoint)
+            if before is not None and before.is_open and before.process.alive:
+                self.shut()
+                raise ZError(f"{endpoint}: address already in use")
             network.listeners[endpoint] = self
         process.start(self._work, "network")
         for endpoint in connect:

@@ -65,7 +65,6 @@ class Zenoh:
 
     def peer(self, listen: list[str], links: list[str]) -> Session:
         """Instead of `wire.sessions.peer`."""
-        session = Session(self._network, self._process(), listen, links)
-        session.is_peer = True
+        session = Session(self._network, self._process(), listen, links, is_peer=True)
         self._network.world.spend(DECLARE)
         return session
