@@ -143,7 +143,7 @@ class Dispatcher:
         with self._lock:
             topology = placement.file.run.topology
             self._scheduler.occupy(spec.number, placement.nodes, topology)
-            self._note(topology, self._node_hosts.wiring(placement.wiring, placement.nodes))
+            self._note(topology, self._node_hosts.taken_over(placement.wiring, placement.nodes))
             self.jobs[spec.number] = job
         self._set_deadline(spec)
         self._conduct(job, placement.nodes, placement)
@@ -288,8 +288,9 @@ class Dispatcher:
 
     def placed(self, job: JobEntry, placement: Placement) -> None:
         """Pass on that the job is about to begin an epoch, and note how its nodes are linked from now on."""
-        if placement.epoch > 0:
-            with self._lock:
+        with self._lock:
+            self._node_hosts.begun(placement.wiring, placement.nodes)
+            if placement.epoch > 0:
                 self._scheduler.rewired(job.spec.number, placement.file.run.topology)
         self.hooks.placed(job.spec.number, placement)
 

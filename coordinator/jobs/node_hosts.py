@@ -9,7 +9,7 @@ from wire.control import Wiring
 from wire.hosts import Host
 
 PORTS = 4  # that a node uses in turn: the links of old wirings are still open when those of a new one are made
-_OPEN = 2  # wirings whose links a node may have open: of the present epoch and of the one before
+_KEPT = 2  # of the wirings that epochs have begun with: the links of the present epoch and of the one before are open
 
 
 @dataclass
@@ -32,7 +32,9 @@ class NodeHosts:
 
     def __init__(self) -> None:
         self._node_hosts: dict[int, _NodeHost] = {}
-        self._latest: dict[int, tuple[int, ...]] = {}  # the latest wirings of a node, also of one that is gone
+        # By node, also of those that are gone: the wirings of its latest epochs, and the latest that was made for it.
+        self._begun: dict[int, tuple[int, ...]] = {}
+        self._made: dict[int, int] = {}
 
     def move_in(self, host: Host) -> None:
         """Note the nodes of a host."""
@@ -62,13 +64,25 @@ class NodeHosts:
         still, also if the node was given up and is back: a neighbour that dials it would take them for the new ones.
         """
         ahead = list(itertools.islice(numbers, PORTS))
-        taken = Counter(number % PORTS for node in nodes for number in self._latest.get(node, ()))
+        used = [number for node in nodes for number in (*self._begun.get(node, ()), self._made.get(node))]
+        taken = Counter(number % PORTS for number in used if number is not None)
         return min(ahead, key=lambda number: taken[number % PORTS])
+
+    def begun(self, number: int, nodes: tuple[int, ...]) -> None:
+        """Note that an epoch begins with a wiring; others may be made and given up before the next one begins."""
+        for node in nodes:
+            before = self._begun.get(node, ())
+            if number not in before[-1:]:
+                self._begun[node] = (*before, number)[-_KEPT:]
+
+    def taken_over(self, number: int, nodes: tuple[int, ...]) -> Wiring:
+        """Return the wiring with which an epoch has begun under the previous coordinator."""
+        self.begun(number, nodes)
+        return self.wiring(number, nodes)
 
     def wiring(self, number: int, nodes: tuple[int, ...]) -> Wiring:
         """Return the wiring of that number and of these nodes, in the order of the cells."""
-        for node in nodes:
-            self._latest[node] = (*self._latest.get(node, ()), number)[-_OPEN:]
+        self._made |= dict.fromkeys(nodes, number)
         hosts, places = self.hosts_of(nodes), [self._node_hosts.get(node) for node in nodes]
         if len(set(hosts)) <= 1:  # all links are within one host, over Unix sockets, so nobody listens at a port
             return Wiring(number, nodes, hosts)

@@ -299,17 +299,22 @@ def test_a_wiring_says_where_nodes_live_and_listen():
     assert wirings[PORTS - 1].endpoints == ("tcp/10.0.0.1:7000", "tcp/10.0.0.1:7004", "")
 
 
-def test_a_node_does_not_listen_where_its_old_links_may_be_open():
-    node_hosts, numbers = NodeHosts(), count(100)
+@pytest.mark.parametrize("given_up", range(7))
+def test_a_node_does_not_listen_where_its_old_links_may_be_open(given_up):
+    node_hosts, numbers, nodes = NodeHosts(), count(100), (0, 1, 2)
     host = Host("a", "a", 2, "tcp/10.0.0.1:7000", (0, 1))
     node_hosts.move_in(host)
     node_hosts.move_in(Host("b", "b", 1, "tcp/10.0.0.2:7000", (2,)))
-    node_hosts.wiring(41, (0, 1, 2))  # of a job that the previous coordinator has left running
-    ports = [41 % PORTS]
+    open_ports = [node_hosts.taken_over(41, nodes).number % PORTS]
     for turn in range(20):
         if turn == 10:  # it counts as gone, and is back with its old processes
             node_hosts.leave(host.nodes)
             node_hosts.move_in(host)
-        ports.append(node_hosts.wiring(node_hosts.number(numbers, (0, 1, 2)), (0, 1, 2)).number % PORTS)
-        assert ports[-1] not in ports[-3:-1]
+        for _ in range(given_up):  # wirings that no epoch begins with, since processes die
+            made = node_hosts.wiring(node_hosts.number(numbers, nodes), nodes)
+            assert made.number % PORTS not in open_ports
+        made = node_hosts.wiring(node_hosts.number(numbers, nodes), nodes)
+        assert made.number % PORTS not in open_ports
+        node_hosts.begun(made.number, nodes)
+        open_ports = [*open_ports[-1:], made.number % PORTS]
         node_hosts.number(numbers, (2,))  # other jobs take numbers too
