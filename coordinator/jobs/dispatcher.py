@@ -142,8 +142,11 @@ class Dispatcher:
         job = JobEntry(spec, self._told)
         with self._lock:
             topology = placement.file.run.topology
+            wiring = self._node_hosts.taken_over(
+                placement.wiring, placement.nodes
+            )  # first: its links may be open still
             self._scheduler.occupy(spec.number, placement.nodes, topology)
-            self._note(topology, self._node_hosts.taken_over(placement.wiring, placement.nodes))
+            self._note(topology, wiring)
             self.jobs[spec.number] = job
         self._set_deadline(spec)
         self._conduct(job, placement.nodes, placement)
@@ -193,11 +196,6 @@ class Dispatcher:
             if number not in self.jobs:
                 raise ClusterFailed(f"job {number} has ended")
             return self.jobs[number]
-
-    def job_on(self, node: int) -> str | None:
-        """Return the id of the job that a node belongs to; None if it is free."""
-        job, _ = self.place_of(node)
-        return None if job is None else job.spec.job
 
     def place_of(self, node: int) -> tuple[JobEntry | None, int | None]:
         """Return the job that a node belongs to, and its cell there; None twice if it is free."""

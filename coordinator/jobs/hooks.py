@@ -100,6 +100,9 @@ class JobRunner(Protocol):
         """Take over a job that runs already."""
         ...
 
+    def restored(self) -> None:
+        """Note that all jobs of the previous coordinator are known now."""
+
     def cancel(self, number: int) -> None:
         """End a job, queued or running; nothing happens if it has ended already."""
 

@@ -55,7 +55,7 @@ class JoinedDispatcher(ServiceDispatcher):
         callbacks = self._came, self._leave, self._drain, self._complain
         self._book = HostBook(session, keys, seal, *callbacks, hooks, most_nodes, host_timeout)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
-        self._roster = Roster(session, keys, self.replaced, self.joined, self.returned)
+        self._roster = Roster(session, keys, self.replaced, self.joined, self.returned, self.heard)
         self._roster.look()
 
     def nodes(self) -> list[dict[str, Any]]:

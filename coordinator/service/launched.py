@@ -64,6 +64,6 @@ class LaunchedDispatcher(ServiceDispatcher):
         super().__init__(
             session, keys, seal, hooks, topology=topology, wired=wired, max_queue=max_queue, eval_timeout=eval_timeout
         )
-        self._roster = Roster(session, keys, self.replaced, returned=self.returned)
+        self._roster = Roster(session, keys, self.replaced, returned=self.returned, heard=self.heard)
         if not wired:
             self._log("warning", "the coordinator has died: another one goes on in its place")

@@ -138,6 +138,7 @@ class Service:
     def serve(self) -> None:
         """Continue the jobs of the previous coordinator, then answer requests until `stop`."""
         self._request_handler.restore()
+        self._dispatcher.restored()
         # The token last: a client that sees it may ask at once.
         queryable = self._session.declare_queryable(self._keys.jobs, direct(self._mail.put))
         token = self._session.liveliness().declare_token(self._keys.coordinator)

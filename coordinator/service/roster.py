@@ -32,6 +32,7 @@ class Roster:
             by which the process before it crashed, or "". Usually called on Zenoh's thread.
         arrived: called with the number of a node that is seen for the first time, likewise.
         returned: called with the number of a node that was out of sight and is back with the same process, likewise.
+        heard: called with each node's counters, likewise.
     """
 
     def __init__(
@@ -41,11 +42,13 @@ class Roster:
         replaced: Callable[[int | None, str], None],
         arrived: Callable[[int], None] = lambda _: None,
         returned: Callable[[int], None] = lambda _: None,
+        heard: Callable[[Counters], None] = lambda _: None,
     ) -> None:
         self._keys = keys
         self._replaced = replaced
         self._arrived = arrived
         self._returned = returned
+        self._heard = heard
         self._lock = threading.Lock()
         self._processes: dict[str, tuple[int, str]] = {}  # by name, the process id and the host ("": this machine)
         self._seen: dict[int, float] = {}  # by node, when its process was first seen, on the monotonic clock
@@ -155,6 +158,8 @@ class Roster:
         now = time.monotonic()
         with self._lock:
             self._counters |= {counters.node: (counters, now) for counters in received}
+        for counters in received:  # the lock is free again
+            self._heard(counters)
 
 
 class _Memory:

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -16,9 +17,14 @@ from coordinator.jobs.dispatcher import Dispatcher
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.roster import Roster
+from wire import control
+from wire.callbacks import direct
+from wire.control import Drop
 from wire.keys import Keys
-from wire.news import LogRecord
+from wire.news import Counters, LogRecord
 from wire.seal import Seal
+
+_DROPPED_WITHIN = 5.0  # seconds; if that fails, the node's next counters bring the next attempt
 
 
 class ServiceDispatcher(Dispatcher):
@@ -52,6 +58,7 @@ class ServiceDispatcher(Dispatcher):
         eval_timeout: float = EVAL_TIMEOUT,
     ) -> None:
         self.began = time.time_ns() // 1_000_000
+        self._is_restored = False  # until then jobs may run that are not known here yet
         super().__init__(
             session,
             keys,
@@ -75,6 +82,28 @@ class ServiceDispatcher(Dispatcher):
         with self._lock:
             here = self._scheduler.here
         return self._roster.nodes(here, self.job_on)
+
+    def job_on(self, node: int) -> str | None:
+        """Return the id of the job that a node belongs to; None if it is free."""
+        job, _ = self.place_of(node)
+        return None if job is None else job.spec.job
+
+    def restored(self) -> None:
+        """Note that all jobs of the previous coordinator are known."""
+        self._is_restored = True
+
+    def heard(self, counters: Counters) -> None:
+        """Have a node forget the job of its counters if that has ended: it was cut off when all were told so."""
+        with self._lock:
+            is_over = self._is_restored and self._scheduler.nodes_of(counters.job) is None
+        if is_over:  # on another thread, as Zenoh's must not wait for the link to take a question
+            threading.Thread(target=self._drop, args=(counters.node, counters.job), name="drop", daemon=True).start()
+
+    def _drop(self, node: int, job: int) -> None:
+        key = self.keys.control(node)
+        payload = self._seal.close(key, control.encode(Drop(job)))
+        with contextlib.suppress(zenoh.ZError):  # if the session is being closed, the next coordinator will do it
+            self.session.get(key, direct(lambda _: None), payload=payload, timeout=_DROPPED_WITHIN)
 
     def placements(self) -> list[dict[str, Any]]:
         """Return for each job on several hosts its cells by host, and how many of its edges cross hosts."""
