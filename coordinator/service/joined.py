@@ -8,7 +8,7 @@ from typing import Any
 import zenoh
 
 from coordinator.jobs.hooks import Hooks
-from coordinator.jobs.job import JobEntry, Moved, Placement
+from coordinator.jobs.job import JobEntry, JobSpec, Moved, Placement
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.host_book import HOST_TIMEOUT, HostBook
 from coordinator.service.process import Options, run
@@ -76,6 +76,21 @@ class JoinedDispatcher(ServiceDispatcher):
             number, kept = job.spec.number, placement.nodes
             self._moving = {node: mover for node, mover in self._moving.items() if mover != number or node in kept}
         super().placed(job, placement)
+
+    def adopt(self, spec: JobSpec, placement: Placement) -> JobEntry:
+        """Take over a job that runs already, also if some of its nodes are on a host that is out of reach for now.
+
+        Raises:
+            ValueError: if its nodes are not free, or nothing is known of their hosts.
+        """
+        with self._lock:
+            away = {node for node in placement.nodes if self._node_hosts.place_of(node)}.difference(self._scheduler.here)
+            self._scheduler.join(away)
+            try:
+                return super().adopt(spec, placement)
+            except ValueError:
+                self._scheduler.leave(away)
+                raise
 
     def drain(self, nodes: Iterable[int]) -> list[int]:
         """Move jobs away from nodes that are about to leave; return those nodes that some job still needs.
