@@ -74,6 +74,7 @@ class Epochs:
         """
         if self.links is not None and self.links.leads_to(topology, wiring):
             return self.links
+        self._close_latest()  # of an epoch that was given up: neighbours must not find them at the new ones' port
 
         def given_up() -> bool:
             return order is not None and self._order is not order
@@ -89,6 +90,13 @@ class Epochs:
             given_up,
             hasty=order is not None and order.takeover is not None and order.takeover.others_wait,
         )
+
+    def _close_latest(self) -> None:
+        """Close the latest links unless the present epoch or the one before still needs them."""
+        users = (self._driver.assignment, self.past)
+        if self.links is not None and all(user is None or user.links is not self.links for user in users):
+            self.links.close()
+            self.links = None
 
     def prepare(self, command: Prepare) -> Done | Refused:
         """Get ready for an epoch: a job's first one becomes the assignment, a later one waits as `coming`."""

@@ -32,9 +32,7 @@ class NodeHosts:
 
     def __init__(self) -> None:
         self._node_hosts: dict[int, _NodeHost] = {}
-        # By node, also of those that are gone: the wirings of its latest epochs, and the latest that was made for it.
-        self._begun: dict[int, tuple[int, ...]] = {}
-        self._made: dict[int, int] = {}
+        self._begun: dict[int, tuple[int, ...]] = {}  # the wirings of a node's latest epochs, also if it is gone
 
     def move_in(self, host: Host) -> None:
         """Note the nodes of a host."""
@@ -64,12 +62,11 @@ class NodeHosts:
         still, also if the node was given up and is back: a neighbour that dials it would take them for the new ones.
         """
         ahead = list(itertools.islice(numbers, PORTS))
-        used = [number for node in nodes for number in (*self._begun.get(node, ()), self._made.get(node))]
-        taken = Counter(number % PORTS for number in used if number is not None)
+        taken = Counter(number % PORTS for node in nodes for number in self._begun.get(node, ()))
         return min(ahead, key=lambda number: taken[number % PORTS])
 
     def begun(self, number: int, nodes: tuple[int, ...]) -> None:
-        """Note that an epoch begins with a wiring; others may be made and given up before the next one begins."""
+        """Note that an epoch begins with a wiring. A node closes the links of one that was given up by itself."""
         for node in nodes:
             before = self._begun.get(node, ())
             if number not in before[-1:]:
@@ -82,7 +79,6 @@ class NodeHosts:
 
     def wiring(self, number: int, nodes: tuple[int, ...]) -> Wiring:
         """Return the wiring of that number and of these nodes, in the order of the cells."""
-        self._made |= dict.fromkeys(nodes, number)
         hosts, places = self.hosts_of(nodes), [self._node_hosts.get(node) for node in nodes]
         if len(set(hosts)) <= 1:  # all links are within one host, over Unix sockets, so nobody listens at a port
             return Wiring(number, nodes, hosts)

@@ -84,7 +84,9 @@ class JoinedDispatcher(ServiceDispatcher):
             ValueError: if its nodes are not free, or nothing is known of their hosts.
         """
         with self._lock:
-            away = {node for node in placement.nodes if self._node_hosts.place_of(node)}.difference(self._scheduler.here)
+            away = {node for node in placement.nodes if self._node_hosts.place_of(node)}.difference(
+                self._scheduler.here
+            )
             self._scheduler.join(away)
             try:
                 return super().adopt(spec, placement)

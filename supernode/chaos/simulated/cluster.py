@@ -62,6 +62,7 @@ class Cluster:
         self._by_id = by_id
         self.nodes: dict[int, NodeProcess] = {}
         self.disk_fails_until = 0.0
+        self._spy_is_up = False
         self._network = network
         self._topology = topology
         self._state = state
@@ -76,6 +77,12 @@ class Cluster:
         for node in range(topologies.parse(self._topology).cells):
             self._start(f"node {node}", self._topology)
         self._start("coordinator", first=True)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether all processes that are there from the beginning have come up."""
+        cells = topologies.parse(self._topology).cells if self._topology else 0
+        return len(self.nodes) >= cells and self._spy_is_up
 
     def suffer(self, fault: Fault) -> None:
         """Carry out a fault. On the hub."""
@@ -144,7 +151,9 @@ class Cluster:
         process.driver.run()
 
     def _watch(self, topology: str) -> None:
-        SpyProcess(self._config(0, topology)).run()
+        spy = SpyProcess(self._config(0, topology))
+        self._spy_is_up = True
+        spy.run()
 
     def _serve(self, first: bool) -> None:
         make_dispatcher = partial(

@@ -24,7 +24,7 @@ class Fault:
     """Something that happens to the cluster.
 
     Attributes:
-        at: seconds since the world began.
+        at: seconds since the cluster was ready.
         do: "kill"; "stop" for a while; "part", which cuts ``whom`` off from ``other`` for a while; "disk", whose writes
             fail for a while; "weather", which changes the network for a while; or "leave", which has a host end.
         whom: the name of a process or a host.
@@ -48,7 +48,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class PlannedHost:
-    """A host that joins ``at`` seconds after the world began; without an ``endpoint`` it is reached by the router."""
+    """A host that joins ``at`` seconds after the world began; without an ``endpoint`` the router reaches it."""
 
     at: float
     name: str
@@ -58,7 +58,7 @@ class PlannedHost:
 
 @dataclass(frozen=True)
 class PlannedJob:
-    """A job that a client submits ``at`` seconds after the world began, and the settings of its run."""
+    """A job that a client submits ``at`` seconds after the cluster is ready, and the settings of its run."""
 
     at: float
     topology: str

@@ -92,13 +92,15 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
         client = SimulatedClient(world, network, cluster.router, cluster.keys)
         disk.fails = lambda: world.now < cluster.disk_fails_until
         invariants = Invariants(world, cluster, client, broken, plan.loses_hosts)
+        world.run(lambda: cluster.is_ready, _READY_WITHIN)
+        ready = world.now
         for number, job in enumerate(plan.jobs):
-            world.at(job.at, partial(client.submit, f"job-{number}", file.with_run(**job.settings())))
-        last = 0.0
+            world.at(ready + job.at, partial(client.submit, f"job-{number}", file.with_run(**job.settings())))
+        last = ready
         for fault in plan.faults:
-            last = max(last, fault.at + fault.seconds)
-            world.at(fault.at, partial(cluster.suffer, fault))
-        world.at(_LOOK_EVERY, lambda: invariants.look(_LOOK_EVERY))
+            last = max(last, ready + fault.at + fault.seconds)
+            world.at(ready + fault.at, partial(cluster.suffer, fault))
+        world.at(ready, lambda: invariants.look(_LOOK_EVERY))
         over = world.run(lambda: invariants.all_ended(len(plan.jobs)) and world.now > last, last + _ENDS_WITHIN)
         if over:
             world.run(lambda: not invariants.strays(), world.now + _STOPS_WITHIN)
