@@ -48,6 +48,9 @@ class StubDispatcher:
             self.scheduler.occupy(spec.number, placement.nodes, placement.file.run.topology)
             self._time(spec)
 
+    def restored(self):
+        pass
+
     def cancel(self, number):
         with self._lock:
             if number in self.orders:
