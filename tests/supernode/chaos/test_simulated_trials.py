@@ -57,7 +57,7 @@ def test_a_command_shows_the_events_and_counts_trials(capsys):
     assert out.endswith("2 trials, something was lost in 0\n")
 
 
-BUGS = ("reports that a dead router", "a new spy believes")
+BUGS = ("reports that a dead router", "a coordinator that takes over takes all nodes")
 
 
 @pytest.mark.parametrize("name", BUGS)
