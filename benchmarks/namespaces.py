@@ -6,6 +6,7 @@ import contextlib
 import os
 import subprocess
 import sys
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -47,6 +48,14 @@ class Namespaces:
     def command(self, host: int, command: list[str]) -> list[str]:
         """Return a command that runs another one on a host."""
         return ["ip", "netns", "exec", self._names[host], *command]
+
+    def relay_cpu_seconds(self) -> float:
+        """Return the processor time that the relay has used so far; 0 without one."""
+        if self._relay is None:
+            return 0.0
+        stat = Path(f"/proc/{self._relay.pid}/stat").read_text(encoding="ascii")
+        user, system = stat.rpartition(")")[2].split()[11:13]
+        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
     def cut(self, host: int | None) -> None:
         """Cut a host off from the others; None joins all again. Only with a relay."""

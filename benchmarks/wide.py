@@ -7,7 +7,8 @@ Each host is an agent in a network namespace of its own; `benchmarks.relay` dela
 delay of 50 ms makes a round trip of 100 ms.
 
 First a job runs for --seconds without delay and loss, then one with them: the table has the evaluations per second of
-each host beside each other, and how long champions take to the client. A champion's birth is dated by the counters that
+each host beside each other, and how long champions take to the client; and which share of the processors, which the
+hosts have in common here, the switch between them takes. A champion's birth is dated by the counters that
 its node sends: they say at which generation the node was when. Then hosts are cut off in turns, each for --cut seconds.
 After each healing the table says how long it takes until every node knows a champion as good as the best on either
 side, and how many messages per second the nodes send then, beside before. It needs root, and the program ip (Debian:
@@ -108,6 +109,7 @@ def watch(options: argparse.Namespace) -> None:
     with supernode.connect(options.watch) as client:
         hosts = {each["node"]: each["host"] for each in client.status()["nodes"]}
         watcher, late = Watcher(options.watch, delay), []
+        print("begin", flush=True)
         job = client.submit(options.problem, topology=f"torus {options.torus}", seconds=options.seconds)
         for best in job.improvements():
             late.append((time.monotonic(), best.cell, best.generation))
@@ -174,6 +176,12 @@ def _on_hosts(nodes: list[int], delay: float, loss: float, more: list[str]) -> N
                     first, _, rest = line.partition(" ")
                     if first.strip() in ("cut", "heal"):
                         namespaces.cut(int(rest) if rest else None)
+                    elif first.strip() == "begin":
+                        began, used = time.monotonic(), namespaces.relay_cpu_seconds()
+                    elif " ms, " in line:
+                        seconds = (time.monotonic() - began) * (os.cpu_count() or 1)
+                        share = (namespaces.relay_cpu_seconds() - used) / seconds
+                        print(f"{line.rstrip()} {share:.1%} |", flush=True)
                     else:
                         print(line, end="", flush=True)
 
@@ -186,8 +194,10 @@ def main() -> None:
         return
     nodes = [int(each) for each in options.nodes.split(",")]
     hosts = " | ".join(f"host{host}, evaluations/s" for host in range(len(nodes)))
-    print(f"| delay, loss | {hosts} | a champion's way, s: median, 95 %, longest | champions |")
-    print("|---|" + "---:|" * (len(nodes) + 2), flush=True)
+    print(
+        f"| delay, loss | {hosts} | a champion's way, s: median, 95 %, longest | champions | the switch's share of the processors |"
+    )
+    print("|---|" + "---:|" * (len(nodes) + 3), flush=True)
     same = [f"--torus={options.torus}", f"--nodes={options.nodes}", f"--seconds={options.seconds}"]
     _on_hosts(nodes, 0.0, 0.0, [*same, "--partitions=0"])
     cuts = [f"--partitions={options.partitions}", f"--cut={options.cut}"]

@@ -93,6 +93,8 @@ class Cluster:
             process.stop(fault.seconds)
         elif fault.do == "part":
             self._network.part(fault.whom, fault.other, fault.seconds)
+        elif fault.do == "hold":
+            self._network.hold(fault.whom, fault.other, fault.seconds)
         elif fault.do == "disk":
             self.disk_fails_until = max(self.disk_fails_until, self.world.now + fault.seconds)
         elif fault.weather is not None:

@@ -66,6 +66,9 @@ class JoinedCluster(Cluster):
         elif fault.do == "part":
             for name in self._processes_of(host):
                 self._network.part(name, fault.other, fault.seconds)
+        elif fault.do == "hold":
+            for name in self._processes_of(host):
+                self._network.hold(name, fault.other, fault.seconds)
         elif fault.do == "leave" and host.is_up:
             self._leave(host, fault.seconds)
         return None

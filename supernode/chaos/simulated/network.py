@@ -170,6 +170,7 @@ class Network:
         self.numbers = itertools.count()
         self._stations: list[Station] = []
         self._apart: dict[frozenset[str], float] = {}  # names of processes, until when they are cut off
+        self._held: dict[tuple[str, str], float] = {}  # from and to whom, until when messages are held
 
     def change(self, weather: Weather, seconds: float) -> None:
         """Change the weather for a while."""
@@ -191,6 +192,11 @@ class Network:
                     if link.here.process.alive:
                         link.here.unlinked(link)
 
+    def hold(self, one: str, other: str, seconds: float) -> None:
+        """Let no message of a process arrive at another one for so long; afterwards all do, as TCP sends them again."""
+        way = (one, other)
+        self._held[way] = max(self._held.get(way, 0.0), self.world.now + seconds)
+
     def add(self, station: "Station") -> None:
         """Note a station."""
         self._stations = [each for each in self._stations if each.is_open]
@@ -207,7 +213,8 @@ class Network:
             return
         if isinstance(message, Put) and weather.lost and world.draw.random() < weather.lost:
             return
-        link.arrives = max(link.arrives, world.now + world.draw.expovariate(1.0 / weather.latency))
+        held = self._held.get((link.here.process.name, link.there.process.name), 0.0)
+        link.arrives = max(link.arrives, held, world.now + world.draw.expovariate(1.0 / weather.latency))
         for _ in range(1 + (twice and world.draw.random() < weather.twice)):
             world.at(link.arrives, lambda: self._arrive(link, message))
 

@@ -1,5 +1,6 @@
 """What a trial does: a cluster, its network, the jobs of a client and the faults, all drawn from one seed."""
 
+import json
 import random
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -7,6 +8,7 @@ from typing import Any, Literal
 import topologies
 from problems.run import MOST_GENERATIONS
 from supernode.chaos.simulated.network import Weather
+from wire.jobs import Cancel, Request, Rewire, Update
 
 _TOPOLOGIES = ("torus 2x2", "torus 2x3", "torus 3x3", "torus 3x4", "torus 4x4")
 _LATENCIES = (0.2e-3, 1e-3, 4e-3)  # seconds
@@ -25,7 +27,8 @@ class Fault:
 
     Attributes:
         at: seconds since the cluster was ready.
-        do: "kill"; "stop" for a while; "part", which cuts ``whom`` off from ``other`` for a while; "disk", whose writes
+        do: "kill"; "stop" for a while; "part", which cuts ``whom`` off from ``other`` for a while; "hold", which
+            holds back what ``whom`` sends to ``other`` for a while; "disk", whose writes
             fail for a while; "weather", which changes the network for a while; or "leave", which has a host end.
         whom: the name of a process or a host.
         seconds: for how long; for a host that is killed or leaves, until it is started again.
@@ -34,7 +37,7 @@ class Fault:
     """
 
     at: float
-    do: Literal["kill", "stop", "part", "disk", "weather", "leave"]
+    do: Literal["kill", "stop", "part", "hold", "disk", "weather", "leave"]
     whom: str = ""
     seconds: float = 0.0
     other: str = ""
@@ -75,6 +78,28 @@ class PlannedJob:
 
 
 @dataclass(frozen=True)
+class PlannedRequest:
+    """A request about a job that the client sends ``at`` seconds after the cluster is ready.
+
+    Attributes:
+        do: "cancel", "rewire" (as a ring), or "update" (of the function that is to be minimized).
+        job: the number of the job among those of the plan.
+    """
+
+    at: float
+    do: Literal["cancel", "rewire", "update"]
+    job: int
+
+    def of(self, id: str, job: PlannedJob) -> Request:
+        """Return the request, for the job of that id."""
+        if self.do == "cancel":
+            return Cancel(id)
+        if self.do == "rewire":
+            return Rewire(id, f"ring {topologies.parse(job.topology).cells}")
+        return Update(id, json.dumps({"name": "sphere"}))
+
+
+@dataclass(frozen=True)
 class Plan:
     """What a trial does, all drawn from its seed.
 
@@ -83,6 +108,7 @@ class Plan:
         topology: of the cluster.
         hosts: of a cluster that hosts join; empty if one zygote launches all nodes.
         jobs: what clients submit.
+        requests: what clients ask for later.
         latency: mean seconds of a message on a link, in fair weather.
         work: mean seconds of a node's generation.
         faults: in the order of time.
@@ -92,6 +118,7 @@ class Plan:
     topology: str
     hosts: tuple[PlannedHost, ...]
     jobs: tuple[PlannedJob, ...]
+    requests: tuple[PlannedRequest, ...]
     latency: float
     work: float
     faults: tuple[Fault, ...]
@@ -123,7 +150,8 @@ def drawn(seed: int) -> Plan:
         at = draw.uniform(0.0, length)
         faults += [Fault(at, "kill", f"node {node}") for node in draw.sample(range(nodes), max(1, nodes // 4))]
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
-    return Plan(seed, topology, hosts, tuple(jobs), latency, max(_SHORTEST_WORK, takes), ordered)
+    requests = [_drawn_request(draw, len(jobs), length) for _ in range(draw.choice((0, 0, 0, 1, 2)))]
+    return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)
 
 
 def _drawn_job(draw: random.Random, topology: str) -> PlannedJob:
@@ -132,6 +160,11 @@ def _drawn_job(draw: random.Random, topology: str) -> PlannedJob:
     seconds = draw.uniform(0.5, 10.0) if draw.random() < 0.2 else None
     mode = "lockstep" if draw.random() < 0.75 else "async"
     return PlannedJob(0.0, topology, mode, draw.randrange(4), draw.choice((1, 4)), generations, seconds)
+
+
+def _drawn_request(draw: random.Random, jobs: int, length: float) -> PlannedRequest:
+    kinds: tuple[Literal["cancel", "rewire", "update"], ...] = ("cancel", "rewire", "rewire", "update", "update")
+    return PlannedRequest(draw.uniform(0.0, length), draw.choice(kinds), draw.randrange(jobs))
 
 
 def _drawn_hosts(draw: random.Random, nodes: int) -> tuple[PlannedHost, ...]:
@@ -158,7 +191,8 @@ def _drawn_fault(draw: random.Random, nodes: int, length: float, hosts: tuple[Pl
         return Fault(at, "stop", whom, draw.uniform(0.05, 3.0))
     if kind < 0.8:
         other = "router" if draw.random() < 0.3 else f"node {(node + 1 + draw.randrange(nodes - 1)) % nodes}"
-        return Fault(at, "part", f"node {node}", draw.uniform(0.05, 5.0), other=other)
+        one, other = (f"node {node}", other) if draw.random() < 0.5 else (other, f"node {node}")
+        return Fault(at, draw.choice(("part", "hold")), one, draw.uniform(0.05, 5.0), other=other)
     if kind < 0.85:
         return Fault(at, "disk", "", draw.uniform(0.05, 3.0))
     weather = Weather(draw.choice((1e-3, 20e-3, 100e-3)), draw.choice((0.0, 0.02, 0.3)), draw.choice((0.0, 0.1)))
@@ -169,4 +203,6 @@ def _drawn_fault_of_a_host(draw: random.Random, length: float, host: str) -> Fau
     at, kind, seconds = draw.uniform(0.0, length), draw.random(), draw.uniform(0.1, _HOST_AWAY)
     if kind < 0.4:
         return Fault(at, "kill", host, seconds)
-    return Fault(at, "leave" if kind < 0.7 else "part", host, seconds, other="" if kind < 0.7 else "router")
+    if kind < 0.7:
+        return Fault(at, "leave", host, seconds)
+    return Fault(at, "part" if kind < 0.9 else "hold", host, seconds, other="router")

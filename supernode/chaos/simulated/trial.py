@@ -96,6 +96,9 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
         ready = world.now
         for number, job in enumerate(plan.jobs):
             world.at(ready + job.at, partial(client.submit, f"job-{number}", file.with_run(**job.settings())))
+        for request in plan.requests:
+            asked = request.of(f"job-{request.job}", plan.jobs[request.job])
+            world.at(ready + request.at, partial(client.ask, asked))
         last = ready
         for fault in plan.faults:
             last = max(last, ready + fault.at + fault.seconds)
