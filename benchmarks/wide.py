@@ -194,9 +194,8 @@ def main() -> None:
         return
     nodes = [int(each) for each in options.nodes.split(",")]
     hosts = " | ".join(f"host{host}, evaluations/s" for host in range(len(nodes)))
-    print(
-        f"| delay, loss | {hosts} | a champion's way, s: median, 95 %, longest | champions | the switch's share of the processors |"
-    )
+    champions = "a champion's way, s: median, 95 %, longest | champions"
+    print(f"| delay, loss | {hosts} | {champions} | the switch's share of the processors |")
     print("|---|" + "---:|" * (len(nodes) + 3), flush=True)
     same = [f"--torus={options.torus}", f"--nodes={options.nodes}", f"--seconds={options.seconds}"]
     _on_hosts(nodes, 0.0, 0.0, [*same, "--partitions=0"])
