@@ -34,7 +34,9 @@ _LONG = 600.0  # a problem may take long to prepare or to check; a dead process 
 _REPORT_WITHIN = 60.0  # after that reports are asked for again, so jobs may run for any time
 _TOLD_WITHIN = 5.0
 _DEATH_NOTICE = 1.0  # if an answer is missing, the news of a death that explains it may come this much later
-_REPLACED_WITHIN = 60.0  # how long to ask again while a process, or the router that carries all questions, is replaced
+# How long to ask again while a process, or the router that carries all questions, is replaced, or a host is out of
+# reach: longer than a host may stay away (`coordinator.service.host_book.HOST_TIMEOUT`), after which the job fails.
+_REPLACED_WITHIN = 150.0
 ASK_AGAIN = 0.2  # a router that has died is back after about this time
 
 
@@ -160,8 +162,7 @@ class Calls:
             try:
                 answers = self._ask_once(questions, give_up, for_nodes_back)
             except _ReturnedError:  # others return with it: a moment later one question reaches them all
-                self._wait_for_news_of_a_death(ASK_AGAIN, give_up)
-                continue
+                answers = []
             if len(answers) >= expected:
                 return answers
             # If the router has died there is no news at all, so this asks again. If a process has died, this raises.
@@ -265,7 +266,7 @@ class Calls:
 
     def tell(self, key: str, command: Command) -> None:
         """Send a command without waiting for the answers."""
-        self._get(key, command, direct(lambda _: None), _TOLD_WITHIN)
+        tell(self.session, self._seal, key, command)
 
     def next(self, deadline: float | None = None) -> object:
         """Return the next message, put-off ones first; None if there is none by ``deadline`` (monotonic clock).
@@ -299,16 +300,25 @@ class Calls:
         self._put_off.append(message)
 
     def _get(self, key: str, command: Command, handler: Any, timeout: float) -> None:
-        # By default Zenoh may ask only one queryable, and keeps only the latest reply of each key; here each of
-        # perhaps a thousand nodes is asked by one key, and all answers count.
-        self.session.get(
-            key,
-            handler,
-            payload=self._seal.close(key, control.encode(command)),
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=timeout,
-        )
+        _get(self.session, self._seal, key, command, handler, timeout)
+
+
+def tell(session: zenoh.Session, seal: Seal, key: str, command: Command) -> None:
+    """Send a command to all processes that ``key`` reaches, without waiting for the answers. Any thread may call it."""
+    _get(session, seal, key, command, direct(lambda _: None), _TOLD_WITHIN)
+
+
+def _get(session: zenoh.Session, seal: Seal, key: str, command: Command, handler: Any, timeout: float) -> None:
+    # By default Zenoh may ask only one queryable, and keeps only the latest reply of each key; here each of perhaps a
+    # thousand nodes is asked by one key, and all answers count.
+    session.get(
+        key,
+        handler,
+        payload=seal.close(key, control.encode(command)),
+        target=zenoh.QueryTarget.ALL,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        timeout=timeout,
+    )
 
 
 def _answered_within(command: Command) -> float:

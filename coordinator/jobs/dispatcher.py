@@ -18,6 +18,7 @@ import zenoh
 import topologies
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.alarms import Alarms
+from coordinator.jobs.calls import tell
 from coordinator.jobs.conductor import Conductor
 from coordinator.jobs.growing import Growing
 from coordinator.jobs.hooks import Hooks, NoHooks
@@ -28,8 +29,6 @@ from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.jobs.scheduler import Placed, Scheduler
 from spy.improvement_records import ImprovementRecord
 from spy.result import Result
-from wire import control
-from wire.callbacks import direct
 from wire.control import Drop, Wiring
 from wire.keys import Keys
 from wire.news import Improvement
@@ -124,8 +123,7 @@ class Dispatcher:
         job = JobEntry(spec, self._told, self.cancel)
         topology = topologies.parse(spec.file.run.topology)
         if accepted_before:  # some nodes may still hold the job; those that do must forget it before it starts over
-            payload = self._seal.close(self.keys.every_control, control.encode(Drop(spec.number)))
-            self.session.get(self.keys.every_control, direct(lambda _: None), payload=payload, timeout=5.0)
+            tell(self.session, self._seal, self.keys.every_control, Drop(spec.number))
         with self._lock:
             if self._failure is not None:
                 raise ClusterFailed(self._failure)

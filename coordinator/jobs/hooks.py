@@ -45,8 +45,9 @@ class Hooks(Protocol):
         """Return the hosts that the previous coordinator knew, each with whether it had given the host up."""
         ...
 
-    def keep_hosts(self, hosts: Sequence[tuple[Host, bool]]) -> None:
-        """Hosts have come or gone. When this returns, a coordinator that takes over will know these."""
+    def keep_hosts(self, hosts: Sequence[tuple[Host, bool]]) -> bool:
+        """Hosts have come or gone; return whether a coordinator that takes over will know these."""
+        ...
 
 
 class NoHooks:
@@ -77,8 +78,9 @@ class NoHooks:
         """See `Hooks`."""
         return ()
 
-    def keep_hosts(self, hosts: Sequence[tuple[Host, bool]]) -> None:
+    def keep_hosts(self, hosts: Sequence[tuple[Host, bool]]) -> bool:
         """See `Hooks`."""
+        return True
 
 
 class JobRunner(Protocol):

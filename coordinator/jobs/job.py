@@ -24,9 +24,8 @@ _MOST_CRASHES = 20  # of processes of one job: a deadly individual takes two on 
 _MOST_RECORDS = 1 << 16  # improvements kept of one job, which may be kept alive for days
 
 
-# Messages to a conductor, besides answers and reports -----------------------------------------------------------------
-# Functions, since a simulation replaces what these modules have: a default must not be taken at the import.
-def _line() -> "queue.SimpleQueue[int | Exception]":
+# Defaults of fields. They are functions, so that a simulation can replace the clock and the queues of this module.
+def _new_queue() -> "queue.SimpleQueue[int | Exception]":
     return queue.SimpleQueue()
 
 
@@ -34,6 +33,7 @@ def _now() -> float:
     return time.monotonic()
 
 
+# Messages to a conductor, besides answers and reports -----------------------------------------------------------------
 @dataclass(frozen=True)
 class StopRequest:
     """A client or a deadline wants the job to stop, or its oracle has found that it has no solution."""
@@ -86,7 +86,7 @@ class Change:
 
     fields: dict[str, Any]
     run: dict[str, Any]
-    answer: "queue.SimpleQueue[int | Exception]" = field(default_factory=_line)
+    answer: "queue.SimpleQueue[int | Exception]" = field(default_factory=_new_queue)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

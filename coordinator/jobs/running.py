@@ -6,7 +6,7 @@ from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, MovedError, Replaced
 from coordinator.jobs.changing import Changing
 from coordinator.jobs.checkpointing import Checkpointing
 from coordinator.jobs.conducted_job import ConductedJob
-from coordinator.jobs.job import Change, Moved, Replaced, StopRequest
+from coordinator.jobs.job import Change, Moved, Replaced, Returned, StopRequest
 
 EVAL_TIMEOUT = 60.0  # seconds
 
@@ -113,6 +113,8 @@ class Running:
             raise ReplacedError(message)
         elif isinstance(message, Moved):
             raise MovedError(message)
+        elif isinstance(message, Returned):  # it may have missed the question for its report, which begins the epoch
+            self._ask_at = self._ask_at or time.monotonic() + ASK_AGAIN
         elif isinstance(message, Change):
             self._job.changes.append(message)
 

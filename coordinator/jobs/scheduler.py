@@ -79,7 +79,8 @@ class Scheduler:
         self._queue: list[_Waiting] = []  # sorted
         self._busy: dict[int, tuple[int, ...]] = {}  # job to nodes, also to nodes that have left
         self._free = set(self._here)  # the nodes that are here and busy with no job
-        self._leaving: set[int] = set()  # nodes that no further job gets
+        self._leaving: set[int] = set()  # nodes that no further job gets, and whose cells move away
+        self._away: set[int] = set()  # nodes out of reach, which no further job gets either
         self._wired: dict[int, _Wiring] = {}  # node to its latest wiring
         self._ages = itertools.count()
 
@@ -155,14 +156,14 @@ class Scheduler:
 
     def free(self, number: int) -> None:
         """Free the nodes of a job that has ended; they stay wired as they are. Harmless if the job has none."""
-        self._free.update(self._here.intersection(self._busy.pop(number, ())) - self._leaving)
+        self._free.update(self._here.intersection(self._busy.pop(number, ())) - self._leaving - self._away)
 
     def join(self, nodes: Iterable[int]) -> None:
         """Add nodes, new ones or some that had left; they have no links. Harmless for nodes that are here."""
         new = set(nodes) - self._here
         self._here |= new
         # A node may come back before the job has ended that it had: then `free` makes it free.
-        self._free |= new - self._leaving - {node for busy in self._busy.values() for node in busy}
+        self._free |= new - self._leaving - self._away - {node for busy in self._busy.values() for node in busy}
 
     def leave(self, nodes: Iterable[int]) -> set[int]:
         """Remove nodes that are gone; return the jobs that have one of them, which must end."""
@@ -170,14 +171,21 @@ class Scheduler:
         self._here -= gone
         self._free -= gone
         self._leaving -= gone
+        self._away -= gone
         for node in gone:
             self._wired.pop(node, None)
         return {number for number, nodes in self._busy.items() if gone.intersection(nodes)}
 
+    def rest(self, nodes: Iterable[int]) -> None:
+        """Give no further job to these nodes, which are out of reach, until `stay`; their cells keep them."""
+        self._away.update(nodes)
+        self._free -= self._away
+
     def stay(self, nodes: Iterable[int]) -> None:
-        """Give jobs to these nodes again: their host was about to end, but has come back."""
-        back = self._leaving.intersection(nodes)
+        """Give jobs to these nodes again: their host was about to end, or out of reach, and has come back."""
+        back = (self._leaving | self._away).intersection(nodes)
         self._leaving -= back
+        self._away -= back
         self._free |= self._here.intersection(back) - {node for busy in self._busy.values() for node in busy}
 
     def drain(self, nodes: Iterable[int]) -> dict[int, dict[int, int]]:

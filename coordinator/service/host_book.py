@@ -55,7 +55,8 @@ class HostBook:
         session: a Zenoh session through the router.
         keys: the key expressions of the cluster.
         seal: opens what hosts say; only hosts with the cluster's secret may join.
-        came: called with a host that has got its numbers, before the host knows them.
+        came: called with a host that has got its numbers, before the host knows them; and with one that is back.
+        went: called with a host that is out of reach; it may come back.
         left: called with a host that has stayed away, or with one that gives up a part of its nodes.
         drain: called with a host that is about to end; returns those of its nodes that jobs still need.
         complain: called with an error that is nobody's fault but this program's.
@@ -71,6 +72,7 @@ class HostBook:
         keys: Keys,
         seal: Seal,
         came: Callable[[Host], None],
+        went: Callable[[Host], None],
         left: Callable[[Host], None],
         drain: Callable[[Host], list[int]],
         complain: Callable[[str], None],
@@ -86,6 +88,7 @@ class HostBook:
         self._keys = keys
         self._seal = seal
         self._came = came
+        self._went = went
         self._left = left
         self._drain = drain
         self._hosts: dict[str, Host] = {}  # by id; their nodes are disjoint
@@ -120,9 +123,8 @@ class HostBook:
         return [(host, False) for host in self._hosts.values()] + [(host, True) for host in self._lost.values()]
 
     def _keep(self) -> None:
-        """Have the hosts stored if they have changed."""
-        if (hosts := self._all()) != self._kept:
-            self._hooks.keep_hosts(hosts)
+        """Have the hosts stored if they have changed; if that fails, it is tried again with the next message."""
+        if (hosts := self._all()) != self._kept and self._hooks.keep_hosts(hosts):
             self._kept = hosts
 
     def _ask_all(self) -> None:
@@ -149,11 +151,22 @@ class HostBook:
     def _note(self, host: Host) -> None:
         if host.nodes:
             self._lost.pop(host.id, None)
+            for other in [
+                *self._hosts.values(),
+                *self._lost.values(),
+            ]:  # an earlier start of it, if that was stored last
+                if other.id != host.id and set(other.nodes) & set(host.nodes):
+                    self._forget(other.id)
             is_new, self._hosts[host.id] = self._hosts.get(host.id) != host, host
             if host.id not in self._present:  # its token has not been reported yet; until then it counts as away
                 self._away[host.id] = time.monotonic() + self._timeout
             if is_new:
                 self._came(host)
+
+    def _forget(self, host: str) -> None:
+        """Forget a host whose numbers another start of it has."""
+        for table in (self._hosts, self._lost, self._away):
+            table.pop(host, None)
 
     def _see(self, sample: zenoh.Sample) -> None:
         host = str(sample.key_expr).rpartition("/")[2]
@@ -172,7 +185,7 @@ class HostBook:
         if isinstance(message, zenoh.Query):
             with message:
                 answer = self._answer(message)
-                self._keep()  # before the host knows its numbers: no other one may ever get them
+                self._keep()  # before the host knows its numbers, so that no other one ever gets them
                 message.reply(self._keys.nodes, jobs.encode_answer(answer))
         elif isinstance(message, _Seen):
             self._notice(message)
@@ -189,12 +202,15 @@ class HostBook:
     def _notice(self, seen: _Seen) -> None:
         if seen.here:
             self._present.add(seen.id)
-            self._away.pop(seen.id, None)
+            was_away = self._away.pop(seen.id, None) is not None
             if seen.id in self._lost:
                 self._note(self._lost.pop(seen.id))
+            elif was_away:
+                self._came(self._hosts[seen.id])
         else:
             self._present.discard(seen.id)
             if seen.id in self._hosts:
+                self._went(self._hosts[seen.id])
                 stay = 0.0 if seen.id in self._drained else self._timeout
                 self._away[seen.id] = time.monotonic() + stay
 
@@ -245,14 +261,13 @@ class HostBook:
         """
         old: tuple[int, ...] = ()
         if before is not None:
-            self._hosts.pop(before.id, None)
-            self._lost.pop(before.id, None)
-            self._away.pop(before.id, None)
+            self._forget(before.id)
             old = before.nodes[: asking.wants]
             if len(before.nodes) > asking.wants:
                 self._left(before.with_nodes(before.nodes[asking.wants :]))
-        here = {node for host in self._hosts.values() for node in host.nodes}.union(old)
-        taken = here.union(*(host.nodes for host in self._lost.values()))
+        here = {node for host in self._hosts.values() if host.id not in self._away for node in host.nodes}.union(old)
+        known = (*self._hosts.values(), *self._lost.values())
+        taken = here.union(*(host.nodes for host in known))
         new = (node for node in itertools.count() if node not in taken)
         wants = asking.wants - len(old)
         if self._most_nodes is not None:

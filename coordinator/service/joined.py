@@ -52,7 +52,7 @@ class JoinedDispatcher(ServiceDispatcher):
         super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes, eval_timeout=eval_timeout)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._host_timeout = host_timeout
-        callbacks = self._came, self._leave, self._drain, self._complain
+        callbacks = self._came, self._went, self._leave, self._drain, self._complain
         self._book = HostBook(session, keys, seal, *callbacks, hooks, most_nodes, host_timeout)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
         self._roster = Roster(session, keys, self.replaced, self.joined, self.returned, self.heard)
@@ -65,7 +65,13 @@ class JoinedDispatcher(ServiceDispatcher):
     def _came(self, host: Host) -> None:
         with self._lock:
             self._node_hosts.move_in(host)
-            self._scheduler.stay(host.nodes)  # it may have been about to end before
+            self._scheduler.stay(host.nodes)  # it may have been about to end before, or out of reach
+        self._start()
+
+    def _went(self, host: Host) -> None:
+        """Give no further job to the nodes of a host that is out of reach; those that have one keep it."""
+        with self._lock:
+            self._scheduler.rest(host.nodes)
 
     def _complain(self, error: str) -> None:
         self._log("error", f"the record of hosts: {error}")
@@ -77,6 +83,24 @@ class JoinedDispatcher(ServiceDispatcher):
             self._moving = {node: mover for node, mover in self._moving.items() if mover != number or node in kept}
         super().placed(job, placement)
 
+    def replaced(self, node: int | None, crash: str = "") -> None:
+        """See `Dispatcher.replaced`; also a job whose cell is still on its way from the node is told."""
+        super().replaced(node, crash)
+        if node is not None:
+            self._tell_movers([node], crash)
+
+    def left(self, nodes: Iterable[int], why: str) -> None:
+        """See `Dispatcher.left`; a job whose cells were still on their way goes on without them."""
+        nodes = tuple(nodes)
+        super().left(nodes, why)
+        self._tell_movers(nodes)
+
+    def _tell_movers(self, nodes: Iterable[int], crash: str = "") -> None:
+        with self._lock:
+            for node in nodes:
+                if (job := self.jobs.get(self._moving.get(node, -1))) is not None:
+                    job.replaced(node, crash)
+
     def adopt(self, spec: JobSpec, placement: Placement) -> JobEntry:
         """Take over a job that runs already, also if some of its nodes are on a host that is out of reach for now.
 
@@ -84,9 +108,10 @@ class JoinedDispatcher(ServiceDispatcher):
             ValueError: if its nodes are not free, or nothing is known of their hosts.
         """
         with self._lock:
-            away = {node for node in placement.nodes if self._node_hosts.place_of(node)}.difference(
-                self._scheduler.here
-            )
+            known = {node for node in placement.nodes if self._node_hosts.place_of(node)}
+            away = known.difference(self._scheduler.here)
+            if len(away) == len(placement.nodes):  # most likely all was ended, and some hosts will not come back
+                away = set()
             self._scheduler.join(away)
             try:
                 return super().adopt(spec, placement)
@@ -108,6 +133,8 @@ class JoinedDispatcher(ServiceDispatcher):
             return sorted(needed.intersection(nodes))
 
     def _drain(self, host: Host) -> list[int]:
+        if not self._is_restored:  # jobs may need them that are not known yet
+            return list(host.nodes)
         needed = self.drain(host.nodes)
         if not needed:
             self._log("info", f"host {host.name} leaves; no job needs its nodes {', '.join(map(str, host.nodes))}")

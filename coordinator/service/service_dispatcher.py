@@ -13,18 +13,17 @@ import zenoh
 
 import topologies
 from coordinator.jobs.blocks import edges_between
+from coordinator.jobs.calls import tell
 from coordinator.jobs.dispatcher import Dispatcher
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.roster import Roster
-from wire import control
-from wire.callbacks import direct
 from wire.control import Drop
 from wire.keys import Keys
 from wire.news import Counters, LogRecord
 from wire.seal import Seal
 
-_DROPPED_WITHIN = 5.0  # seconds; if that fails, the node's next counters bring the next attempt
+_STRAY_AFTER = 3.0  # seconds from the first counters for a job that has ended
 
 
 class ServiceDispatcher(Dispatcher):
@@ -59,6 +58,7 @@ class ServiceDispatcher(Dispatcher):
     ) -> None:
         self.began = time.time_ns() // 1_000_000
         self._is_restored = False  # until then jobs may run that are not known here yet
+        self._strays: dict[tuple[int, int], float] = {}  # nodes with ended jobs, and when that was noticed first
         super().__init__(
             session,
             keys,
@@ -93,17 +93,27 @@ class ServiceDispatcher(Dispatcher):
         self._is_restored = True
 
     def heard(self, counters: Counters) -> None:
-        """Have a node forget the job of its counters if that has ended: it was cut off when all were told so."""
-        with self._lock:
-            is_over = self._is_restored and self._scheduler.nodes_of(counters.job) is None
-        if is_over:  # on another thread, as Zenoh's must not wait for the link to take a question
-            threading.Thread(target=self._drop, args=(counters.node, counters.job), name="drop", daemon=True).start()
+        """Have a node forget the job of its counters if that has ended: it was cut off when all were told so.
 
-    def _drop(self, node: int, job: int) -> None:
-        key = self.keys.control(node)
-        payload = self._seal.close(key, control.encode(Drop(job)))
-        with contextlib.suppress(zenoh.ZError):  # if the session is being closed, the next coordinator will do it
-            self.session.get(key, direct(lambda _: None), payload=payload, timeout=_DROPPED_WITHIN)
+        The last counters of a job may come after its end. So a node is a stray only if it still sends some later.
+        """
+        stray, now = (counters.node, counters.job), time.monotonic()
+        with self._lock:
+            if not self._is_over(counters.job):
+                self._strays.pop(stray, None)
+            elif now > self._strays.setdefault(stray, now) + _STRAY_AFTER:
+                del self._strays[stray]
+                # On another thread: Zenoh's must not wait until the link takes the question.
+                threading.Thread(target=self._end_stray, args=stray, name="stray", daemon=True).start()
+
+    def _is_over(self, job: int) -> bool:
+        return self._is_restored and self._scheduler.nodes_of(job) is None
+
+    def _end_stray(self, node: int, job: int) -> None:
+        # With the lock, or the job might begin again, from a checkpoint, between the look and the question.
+        with self._lock, contextlib.suppress(zenoh.ZError):  # if the session is closed, the next coordinator does it
+            if self._is_over(job):
+                tell(self.session, self._seal, self.keys.control(node), Drop(job))
 
     def placements(self) -> list[dict[str, Any]]:
         """Return for each job on several hosts its cells by host, and how many of its edges cross hosts."""

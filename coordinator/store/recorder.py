@@ -192,12 +192,14 @@ class Recorder:
                 hosts.append((Host.decode(data), given_up))
         return hosts
 
-    def keep_hosts(self, hosts: Sequence[tuple[Host, bool]]) -> None:
-        """Store all hosts. If that fails, log it: they go on, and only the next coordinator might not know them."""
+    def keep_hosts(self, hosts: Sequence[tuple[Host, bool]]) -> bool:
+        """Store all hosts; return whether that worked. If not, log it: the next coordinator might not know them."""
         try:
             self._store.keep_hosts([(host.encode(), given_up) for host, given_up in hosts])
         except StoreFailed as error:
             self.logged(log_record("warning", f"the hosts are not stored: {error}"))
+            return False
+        return True
 
     def close(self) -> None:
         """Write what has come so far, and stop. Idempotent. If the database is away, these events are lost."""

@@ -38,6 +38,7 @@ class Memory(NoHooks):
 
     def keep_hosts(self, hosts):
         self.hosts = list(hosts)
+        return True
 
 
 class Room:
@@ -50,6 +51,7 @@ class Room:
         self.tokens = {}  # a token that nobody holds is gone
         self.left = queue.SimpleQueue()
         self.came = []
+        self.went = []
         self.memory = Memory()
         self.needed = []  # nodes that jobs need of a host that is about to end
         self.book = self.open_book()
@@ -57,7 +59,13 @@ class Room:
     def open_book(self, most_nodes=None):
         session = self.sessions["book"] = sessions.client(self.endpoint)
         self.complaints = []
-        callbacks = self.came.append, self.left.put, lambda host: list(self.needed), self.complaints.append
+        callbacks = (
+            self.came.append,
+            self.went.append,
+            self.left.put,
+            lambda host: list(self.needed),
+            self.complaints.append,
+        )
         return HostBook(session, KEYS, Seal(SECRET), *callbacks, self.memory, most_nodes)
 
     def arrive(self, host):
