@@ -103,6 +103,10 @@ class _ReturnedError(Exception):
     """A node that was cut off is back."""
 
 
+class FailedError(ClusterFailed):
+    """The job cannot go on, whatever the conductor is doing: see `Failure`."""
+
+
 class RefusedError(ClusterFailed):
     """A process refuses a command, for no reason of the user's."""
 
@@ -272,7 +276,7 @@ class Calls:
         """Return the next message, put-off ones first; None if there is none by ``deadline`` (monotonic clock).
 
         Raises:
-            ClusterFailed: if the message is that the job cannot continue.
+            FailedError: if the message is that the job cannot continue.
         """
         return self._put_off.popleft() if self._put_off else self._take(deadline)
 
@@ -292,7 +296,7 @@ class Calls:
             return None
         if isinstance(message, Failure):
             self.closing = message.closing
-            raise ClusterFailed(message.message)
+            raise FailedError(message.message)
         return message
 
     def put_off(self, message: object) -> None:

@@ -2,7 +2,7 @@
 
 import topologies
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.calls import GivenUpError, ReplacedError
+from coordinator.jobs.calls import FailedError, GivenUpError, ReplacedError
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import BegunAnew, Change, Moved, Replaced, StopRequest
@@ -62,6 +62,9 @@ class Changing:
             with blaming_the_update(bool(change.fields)):
                 self._preparing.prepare(epoch)
         except (GivenUpError, ReplacedError):
+            raise
+        except FailedError as error:  # not only the change, but the job
+            change.answer.put(error)
             raise
         except Exception as error:  # nothing has begun yet, so the current epoch continues whatever is wrong
             change.answer.put(error)
