@@ -2,7 +2,8 @@
 
 A quarter of the nodes is killed at once, then one node is killed or stopped every second; spy, router and coordinator
 are killed once each. The cluster is started for this on this machine. The exit code is 3 if anything was lost: the job
-did not end, the answer is worse than one that was told before, or a replay has another history.
+did not end, the answer is worse than one that was told before, or a replay has another history. With --simulate no
+process is started: each trial is a whole cluster within one process, and --draw decides everything but the problem.
 """
 
 import argparse
@@ -11,6 +12,7 @@ from supernode import exits
 from supernode.commands.cluster_options import add_force
 from supernode.commands.run_options import add_settings, positive, share, whole
 
+_TELL_EVERY = 50  # trials
 EXAMPLE = "supernode chaos examples/rastrigin.toml --torus 4x4 --for 20 --draw 7"
 
 
@@ -25,13 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     simulated = parser.add_argument_group("simulation")
     simulated.add_argument(
-        "--simulate", action="store_true", help="no processes: whole clusters in this process, all drawn from --draw"
+        "--simulate", action="store_true", help="whole clusters without processes; all is drawn from --draw"
     )
     simulated.add_argument("--trials", metavar="N", type=whole, default=1, help="with the seeds from --draw on (1)")
     simulated.add_argument("--events", action="store_true", help="print what happened in each trial")
     add_force(parser)
-    parser.add_argument("--json", action="store_true", help="print the outcome as one JSON object")
-    parser.add_argument("--quiet", action="store_true", help="no line on stderr about each fault")
+    parser.add_argument("--json", action="store_true", help="print the outcome of a trial as one JSON object")
+    parser.add_argument("--quiet", action="store_true", help="no line on stderr about what is done")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -43,8 +45,9 @@ def _simulate(options: argparse.Namespace) -> int:
     """Simulate clusters under faults, and print what was lost."""
     import importlib.util
     import json
+    import sys
 
-    from problems import BadInput, load
+    from problems import BadInput, load, registry
     from supernode.launch.supervisor import check_library
 
     if importlib.util.find_spec("greenlet") is None:
@@ -53,8 +56,12 @@ def _simulate(options: argparse.Namespace) -> int:
     from supernode.chaos.simulated import campaign
 
     file, broken = load(options.problem), 0
-    for outcome in campaign.trials(file, options.draw, options.trials):
+    if registry.is_users_own(file.kind):
+        raise BadInput(f"{file.name}: kind: expected a built-in kind with --simulate, found {file.kind!r}")
+    for number, outcome in enumerate(campaign.trials(file, options.draw, options.trials), 1):
         broken += bool(outcome.broken)
+        if not options.quiet and number % _TELL_EVERY == 0:
+            print(f"{number} of {options.trials} trials, something was lost in {broken}", file=sys.stderr)
         if options.json:
             print(json.dumps(campaign.as_json(outcome)))
             continue

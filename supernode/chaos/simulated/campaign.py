@@ -1,5 +1,6 @@
 """Many trials, on several processor cores, and what they have shown."""
 
+import dataclasses
 import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -27,20 +28,15 @@ def trials(file: ProblemFile, first: int, number: int) -> Iterator[Outcome]:
 
 
 def trial(file: ProblemFile, seed: int) -> Outcome:
-    """Carry out the trial of a seed; if something is broken, find the shortest plan that breaks something."""
+    """Carry out the trial of a seed; if something is broken, return the outcome of the shortest plan that breaks it."""
     outcome = run(drawn(seed), file)
-    return run(shortest(outcome.plan, file), file) if outcome.broken else outcome
+    return shortest(outcome, file) if outcome.broken else outcome
 
 
 def as_json(outcome: Outcome) -> dict[str, Any]:
     """Return the outcome of a trial as plain values."""
-    plan = outcome.plan
-    return {
-        "draw": plan.seed,
-        "topology": plan.topology,
-        "jobs": [job.settings() for job in plan.jobs],
-        "faults": [{"at": fault.at, "what": str(fault)} for fault in plan.faults],
-        "seconds": outcome.seconds,
+    return dataclasses.asdict(outcome.plan) | {
+        "simulated_seconds": outcome.seconds,
         "events": outcome.events,
         "lost": outcome.broken,
         "sha256": outcome.digest,
@@ -51,11 +47,14 @@ def in_words(outcome: Outcome) -> str:
     """Return the outcome of a trial: what it did, and what was broken."""
     plan = outcome.plan
     lines = [
-        f"draw {plan.seed}: {plan.topology}, {len(plan.jobs)} jobs, {len(plan.faults)} faults,"
-        f" {outcome.seconds:.1f} s simulated: {'BROKEN' if outcome.broken else 'nothing lost'}"
+        f"draw {plan.seed}: {plan.topology}, {len(plan.hosts)} hosts, {len(plan.jobs)} jobs, {len(plan.faults)} faults,"
+        f" {outcome.seconds:.1f} s simulated: {'broken' if outcome.broken else 'nothing lost'}"
     ]
-    lines += [f"  lost: {each}" for each in outcome.broken]
+    lines += [f"  broken: {each}" for each in outcome.broken]
     if outcome.broken:
+        lines += [f"  {host.at:8.3f} s  host {host.name} comes with {host.nodes} nodes" for host in plan.hosts]
+        lines += [f"  {job.at:8.3f} s  submit {job.settings()}" for job in plan.jobs]
+        lines += [f"  {each.at:8.3f} s  {each.do} job {each.job}" for each in plan.requests]
         lines += [f"  the shortest way there, {len(plan.faults)} faults:"]
         lines += [f"  {fault.at:8.3f} s  {fault}" for fault in plan.faults]
     return "\n".join(lines)

@@ -9,7 +9,7 @@ from supernode.chaos.simulated.network import Network
 from supernode.chaos.simulated.samples import Callback, Sample
 from supernode.chaos.simulated.world import Process, World
 from supernode.chaos.simulated.zenoh_module import Zenoh
-from wire.jobs import Done, Request, Show, Submit, decode_answer, encode
+from wire.jobs import Cancel, Done, Request, Show, Submit, decode_answer, encode
 from wire.keys import Keys
 from wire.news import Improvement
 
@@ -27,11 +27,13 @@ class Asked:
         file: the problem.
         number: the number that the coordinator gave it; None before it has told.
         accepted: whether the coordinator has said that it has the job.
-        refused: why it was refused.
+        refused: why it was refused, or why nothing is known of it any more.
         told: the improvements that the client was told, in their order.
         status: its latest known state.
+        message: what was said about that state.
         result: its result, as plain values.
         ended_at: when the client knew that it had ended, in seconds of the world.
+        changed: the changes that were answered with the number of an epoch: "rewire" and "update".
     """
 
     id: str
@@ -41,8 +43,10 @@ class Asked:
     refused: str | None = None
     told: list[Improvement] = field(default_factory=list)
     status: str = "unknown"
+    message: str | None = None
     result: dict[str, Any] | None = None
     ended_at: float | None = None
+    changed: set[str] = field(default_factory=set)
 
 
 class SimulatedClient:
@@ -69,12 +73,15 @@ class SimulatedClient:
         self.jobs.append(asked)
         self.process.start(lambda: self._follow(asked), f"job {id}")
 
-    def ask(self, request: Request) -> None:
-        """Send a request on a thread of its own, until it is answered."""
-        self.process.start(lambda: self._tell(request), request.name)
+    def ask(self, id: str, request: Request) -> None:
+        """Send a request about a job on a thread of its own, until it is answered."""
+        self.process.start(lambda: self._tell(id, request), request.name)
 
-    def _tell(self, request: Request) -> None:
-        self._ask(self._session(), request)
+    def _tell(self, id: str, request: Request) -> None:
+        answer = self._ask(self._session(), request)
+        if isinstance(answer, Done) and not isinstance(request, Cancel):
+            next(asked for asked in self.jobs if asked.id == id).changed.add(request.name)
+        self._world.say(f"client: {request.name} of {id} is answered: {answer}")
 
     def _session(self) -> Any:
         return self._zenoh.sessions.client(self._router)
@@ -102,7 +109,7 @@ class SimulatedClient:
         if shown["status"] != asked.status:
             asked.status = shown["status"]
             self._world.say(f"client: {asked.id} is {asked.status}")
-        asked.number = shown["number"]
+        asked.number, asked.message = shown["number"], shown["message"]
         draining = asked.status == "deadline" and shown.get("result") is None and shown.get("ended") is None
         if asked.status in ENDS and not draining:
             asked.result = shown.get("result")
@@ -116,5 +123,7 @@ class SimulatedClient:
         while True:
             for reply in session.get(self._keys.jobs, payload=encode(request), timeout=_ANSWER_WITHIN):
                 if reply.ok is not None:
-                    return decode_answer(reply.ok.payload.to_bytes())
+                    answer = decode_answer(reply.ok.payload.to_bytes())
+                    if isinstance(answer, Done) or answer.blame == "input":  # else it may work later
+                        return answer
             self._world.sleep(_AGAIN)

@@ -119,9 +119,16 @@ class Cluster:
             self._replace(process.name)
 
     def _replace(self, name: str) -> None:
-        self.processes.pop(name)
+        self._forget(name)
         at = self.world.now + self.world.draw.uniform(*_FORK)
         self.world.at(at, lambda: self._start_again(name))
+
+    def _forget(self, name: str) -> Process:
+        """Forget a process that has died or is about to; return it."""
+        kind, _, number = name.partition(" ")
+        if kind == "node":
+            self.nodes.pop(int(number), None)
+        return self.processes.pop(name)
 
     def _start_again(self, name: str) -> None:
         if name in self.processes:  # its host has been started again meanwhile

@@ -12,10 +12,11 @@ _WRITES = ("INSERT", "UPDATE", "DELETE", "CREATE")
 
 
 class Disk:
-    """Lets statements that write, and commits, fail while ``fails`` returns True."""
+    """Lets statements that write, and commits, fail while ``fails`` returns True; each commit calls ``spend``."""
 
     def __init__(self) -> None:
         self.fails: Callable[[], bool] = lambda: False
+        self.spend: Callable[[], None] = lambda: None
 
     @contextlib.contextmanager
     def in_place(self) -> Iterator[None]:
@@ -33,6 +34,7 @@ class Disk:
             raise _error(statement)
 
     def _before_a_commit(self, _: Any) -> None:
+        self.spend()
         if self.fails():
             raise _error("COMMIT")
 

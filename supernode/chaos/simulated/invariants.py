@@ -1,5 +1,6 @@
 """What must hold in a simulated cluster at every look, and at the end."""
 
+import json
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
@@ -55,9 +56,12 @@ class Invariants:
         if strays := self.strays():
             self._complain(f"all jobs have ended, but nodes {strays} still run cells")
         for asked in self._client.jobs:
-            self._told(asked)
-            if asked.result is not None:
-                self._result(asked, asked.result)
+            self._ended(asked)
+            lost_host = self._may_lose_hosts and "has been away for" in (asked.message or "")
+            if asked.result is not None and not lost_host:
+                self._told(asked, asked.result)
+                self._changed(asked, asked.result)
+                self._repeats(asked, asked.result)
 
     def _complain(self, text: str) -> None:
         if text not in self._seen:
@@ -79,6 +83,9 @@ class Invariants:
         for job, there in epochs.items():
             if max(there) - min(there) > 1:
                 self._complain(f"job {job}: epochs {sorted(there)} run at the same time")
+            latest = self._epochs[job] = max(self._epochs.get(job, 0), *there)
+            if max(there) < latest:
+                self._complain(f"job {job}: its cells go back from epoch {latest} to {sorted(there)}")
 
     def _running(self) -> Iterator[tuple[int, Assignment]]:
         """Yield the nodes that run a cell, and what they are assigned to."""
@@ -96,33 +103,39 @@ class Invariants:
                 if has.setdefault(node, name) != name:
                     self._complain(f"hosts {has[node]} and {name} both have node {node}")
 
-    def _told(self, asked: Asked) -> None:
-        """No improvement is worse than one before in its epoch; no result is worse than what was told."""
-        best: dict[int, float] = {}
-        for told in asked.told:
-            if told.job == asked.number:
-                if told.fitness > best.get(told.epoch, float("inf")):
-                    pass  # the spy that took over may tell again; a client's handle leaves it out
-                best[told.epoch] = min(told.fitness, best.get(told.epoch, float("inf")))
-        result = asked.result
-        if result is not None and best and result["fitness"] is not None and result["fitness"] > best[max(best)]:
-            self._complain(f"{asked.id}: its fitness is {result['fitness']}, but the client was told {best[max(best)]}")
+    def _ended(self, asked: Asked) -> None:
+        """An accepted job is known to its end, with a result, and fails only if a host was away for too long."""
+        if asked.refused is not None:
+            self._complain(f"{asked.id} is {'lost' if asked.accepted else 'refused'}: {asked.refused}")
+        elif asked.status == "failed":
+            if not (self._may_lose_hosts and "has been away for" in (asked.message or "")):
+                self._complain(f"{asked.id} failed: {asked.message}")
+        elif asked.result is None and asked.status not in ("deadline", "cancelled"):
+            self._complain(f"{asked.id} is {asked.status}, but has no result")
 
-    def _result(self, asked: Asked, result: dict[str, Any]) -> None:
-        if self._may_lose_hosts and "has been away for" in (result["message"] or ""):
+    def _told(self, asked: Asked, result: dict[str, Any]) -> None:
+        """The result is not worse than the best that the client was told in the last epoch."""
+        told = [each for each in asked.told if each.job == asked.number]
+        best = min((each.fitness for each in told if each.epoch == max(one.epoch for one in told)), default=None)
+        if best is not None and (result["fitness"] is None or result["fitness"] > best):
+            self._complain(f"{asked.id}: its fitness is {result['fitness']}, but the client was told {best}")
+
+    def _changed(self, asked: Asked, result: dict[str, Any]) -> None:
+        """Changes that were answered are among the directives."""
+        done = {each["do"] for each in result["directives"]}
+        if asked.changed - done:
+            self._complain(f"{asked.id}: {sorted(asked.changed)} were answered, but its directives are {sorted(done)}")
+
+    def _repeats(self, asked: Asked, result: dict[str, Any]) -> None:
+        """A result in lockstep is that of a replay, so all cells have stopped after the same generation."""
+        anew = any(each["do"] == "restart" for each in result["directives"])
+        if asked.file.run.mode != "lockstep" or anew or not result["generations"]:
             return
-        if result["status"] == "failed":
-            self._complain(f"{asked.id} failed: {result['message']}")
-        elif asked.file.run.mode == "lockstep":
-            if any(each["do"] == "restart" for each in result["directives"]):
-                return
-            if result["history_sha256"] is None and not result["generations"]:  # it never had nodes
-                return
-            history, fitness = _expected(_Key(asked.file), _frozen(result["directives"]))
-            if history != result["history_sha256"]:
-                self._complain(f"{asked.id}: its history is {result['history_sha256']}, a replay's is {history}")
-            if fitness is not None and result["fitness"] != fitness:
-                self._complain(f"{asked.id}: its fitness is {result['fitness']}, a replay's is {fitness}")
+        history, fitness = _expected(_Key(asked.file), json.dumps(result["directives"], sort_keys=True))
+        if history != result["history_sha256"]:
+            self._complain(f"{asked.id}: its history is {result['history_sha256']}, a replay's is {history}")
+        if fitness is not None and result["fitness"] != fitness:
+            self._complain(f"{asked.id}: its fitness is {result['fitness']}, a replay's is {fitness}")
 
 
 class _Key:
@@ -139,17 +152,9 @@ class _Key:
         return isinstance(other, _Key) and other._text == self._text
 
 
-def _frozen(directives: list[dict[str, Any]]) -> str:
-    import json
-
-    return json.dumps(directives, sort_keys=True)
-
-
 @cache
 def _expected(key: _Key, directives: str) -> tuple[str | None, float | None]:
     """Return the history and the fitness of a run with these directives, or instead why they cannot be repeated."""
-    import json
-
     try:
         *before, last = replay(key.file, json.loads(directives))
     except BadInput as error:

@@ -12,7 +12,7 @@ from node.node_config import NodeConfig
 from problems.modules import Modules
 from supernode.chaos.simulated.cluster import Cluster
 from supernode.chaos.simulated.network import Network
-from supernode.chaos.simulated.plans import Fault, PlannedHost
+from supernode.chaos.simulated.plans import DRAINED_WITHIN, Fault, PlannedHost
 from supernode.chaos.simulated.world import Process, World
 from wire.hosts import Host
 from wire.seal import Seal
@@ -20,7 +20,6 @@ from wire.seal import Seal
 HOST_TIMEOUT = 10.0
 """Seconds that a host may stay away; shorter than usual, so that it is met."""
 
-_DRAINED_WITHIN = 25.0  # seconds from SIGTERM until a host ends whatever jobs need
 _REFUSED_AGAIN = 1.0  # seconds until a host whose agent has ended tries again
 
 
@@ -92,7 +91,7 @@ class JoinedCluster(Cluster):
         if host.is_up:
             host.is_up = False
             for name in self._processes_of(host):
-                self.processes.pop(name).kill()
+                self._forget(name).kill()
             self.world.at(self.world.now + back_after, partial(self._start_host, host.planned.name))
 
     def _leave(self, host: _SimulatedHost, back_after: float) -> None:
@@ -109,7 +108,7 @@ class JoinedCluster(Cluster):
             if host.starts == start:
                 self._end_host(host, back_after)
 
-        self.world.at(self.world.now + _DRAINED_WITHIN, give_up)
+        self.world.at(self.world.now + DRAINED_WITHIN, give_up)
 
     def _processes_of(self, host: _SimulatedHost) -> list[str]:
         names = [f"agent {host.planned.name}", *(f"node {node}" for node in host.host.nodes)]

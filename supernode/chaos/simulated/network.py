@@ -1,7 +1,8 @@
 """A simulated network in the manner of Zenoh: a router, sessions as its clients, and sessions linked directly.
 
-A link carries messages in their order, each after a drawn time. It breaks when one of its ends dies: what is under way
-is lost then, the other end sees the tokens behind the link vanish, and questions asked through it end unanswered. A
+A link carries messages in their order, each after a drawn time. It breaks when one of its ends dies: what that end had
+sent arrives, what was sent to it is lost, the other end sees the tokens behind the link vanish, and questions asked
+through it end unanswered. A
 session looks for its router, and a peer for the peers that it was told of, until they are there.
 
 What this leaves out of Zenoh: full queues that hold back a sender, and the layout of its messages.
@@ -177,7 +178,8 @@ class Network:
         self.weather = weather
 
         def calm() -> None:
-            self.weather = self._fair
+            if self.weather is weather:  # else it has changed again meanwhile
+                self.weather = self._fair
 
         self.world.at(self.world.now + seconds, calm)
 

@@ -17,7 +17,10 @@ _LENGTHS = (1.0, 8.0)  # seconds of faults
 _STEPS = (500, 4000)  # generations of all cells of a job together
 _MOST_FAULTS = 14
 _HOST_AWAY = 20.0  # seconds, at most
-_LEAST_LOST = 8.0  # seconds; a host counts as gone a little later
+_LEAST_LOST = 9.5  # seconds; a host counts as gone a little later
+_BACK_WITHIN = 1.0  # seconds from the end of a fault until a process is surely seen again
+DRAINED_WITHIN = 25.0
+"""Seconds from SIGTERM until a host ends whatever jobs need."""
 _SHORTEST_WORK = 0.1e-3  # seconds
 
 
@@ -125,11 +128,21 @@ class Plan:
 
     @property
     def loses_hosts(self) -> bool:
-        """Whether hosts may stay away for so long that they count as gone, also by several faults together."""
-        hosts = {host.name for host in self.hosts}
-        return (
-            sum(fault.seconds for fault in self.faults if fault.whom in hosts or fault.whom == "router") > _LEAST_LOST
-        )
+        """Whether some host may stay away for so long, by one fault after another, that it counts as gone."""
+        return any(self._longest_away(host.name) > _LEAST_LOST for host in self.hosts)
+
+    def _longest_away(self, host: str) -> float:
+        """Return for how many seconds a host is out of reach at most, without a break that is sure."""
+        away = [fault for fault in self.faults if fault.whom in (host, "router") and fault.do != "leave"]
+        spans = [(fault.at, fault.at + fault.seconds + _BACK_WITHIN) for fault in away]
+        leaves = [fault for fault in self.faults if fault.whom == host and fault.do == "leave"]
+        spans += [(fault.at, fault.at + DRAINED_WITHIN + fault.seconds + _BACK_WITHIN) for fault in leaves]
+        longest, until = 0.0, -1.0
+        began = 0.0
+        for start, end in sorted(spans):
+            began, until = (start, end) if start > until else (began, max(until, end))
+            longest = max(longest, until - began)
+        return longest
 
 
 def drawn(seed: int) -> Plan:

@@ -53,7 +53,7 @@ class _System:
         there = self._processes.get(process)
         if there is None or not there.alive:
             raise ProcessLookupError
-        self._world.at(self._world.now, there.kill)
+        self._world.at(self._world.now, lambda: self._world.exited(there))
 
     def _exit(self, status: int) -> None:
         process = self._world.process
