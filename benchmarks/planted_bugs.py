@@ -232,10 +232,14 @@ def main() -> None:
             continue
         began, asked = time.monotonic(), asked + 1
         command = [sys.executable, "-m", "benchmarks.planted_bugs", "--plant", str(number), "--most", str(options.most)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST, check=False, cwd=_ROOT)
-        seed, _, what = done.stdout.strip().partition("\t")
-        if done.returncode:
-            seed, what = "?", done.stderr.strip().rpartition("\n")[2]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST, check=False, cwd=_ROOT)
+        except subprocess.TimeoutExpired:
+            seed, what = "-", f"not found within {_LONGEST:.0f} s"
+        else:
+            seed, _, what = done.stdout.strip().partition("\t")
+            if done.returncode:
+                seed, what = "?", done.stderr.strip().rpartition("\n")[2]
         found += seed.isdigit()
         print(
             f"{seed:>5}  {time.monotonic() - began:6.1f} s  {bug.module}: {bug.name}\n{'':16}{what[:150]}", flush=True

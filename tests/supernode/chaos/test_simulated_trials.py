@@ -12,7 +12,7 @@ from command_line import in_process
 from problems import load
 from supernode.chaos.simulated.campaign import in_words, trial
 from supernode.chaos.simulated.plans import Fault, drawn
-from supernode.chaos.simulated.trial import run, shortest
+from supernode.chaos.simulated.trial import Outcome, run, shortest
 
 ROOT = Path(__file__).resolve().parents[3]
 PROBLEM = ROOT / "examples" / "rastrigin.toml"
@@ -33,7 +33,7 @@ def test_nothing_is_lost(file, first):
         assert not outcome.broken, in_words(outcome) + "\n" + "\n".join(outcome.log)
 
 
-@pytest.mark.parametrize("seed", [3, 44])  # a cluster of one zygote, and one of hosts
+@pytest.mark.parametrize("seed", [3, 21, 44])  # a cluster of one zygote, one whose disk fails, and one of hosts
 def test_the_same_seed_gives_the_same_events(file, seed):
     one, other = run(drawn(seed), file), run(drawn(seed), file)
     assert one.log == other.log
@@ -46,7 +46,7 @@ def test_another_process_gives_the_same_events(capsys):
     code, out, _ = in_process(capsys, "chaos", PROBLEM, "--simulate", "--draw", "3", "--json")
     assert told == [out, out]
     outcome = json.loads(out)
-    assert (code, outcome["lost"], outcome["draw"]) == (0, [], 3)
+    assert (code, outcome["lost"], outcome["seed"]) == (0, [], 3)
     assert [each["at"] for each in outcome["faults"]] == sorted(each["at"] for each in outcome["faults"])
 
 
@@ -73,23 +73,27 @@ def test_a_way_to_a_failure_is_shortened(file, monkeypatch):
     faults = tuple(sorted((*plan.faults, Fault(1.0, "kill", "node 1")), key=lambda fault: fault.at))
 
     def breaks(plan, file):
-        outcome = run(replace(plan, jobs=()), file)
-        outcome.broken += [str(fault) for fault in plan.faults if str(fault) == "kill node 1"]
-        return outcome
+        return Outcome(plan, broken=[str(fault) for fault in plan.faults if str(fault) == "kill node 1"] + ["x"] * 3)
 
     monkeypatch.setattr("supernode.chaos.simulated.trial.run", breaks)
-    found = shortest(replace(plan, faults=faults), file)
-    assert [str(fault) for fault in found.faults] == ["kill node 1"]
+    plan = replace(plan, faults=faults)
+    found = shortest(Outcome(plan, broken=["kill node 7"]), file)
+    assert [str(fault) for fault in found.plan.faults] == ["kill node 1"]
 
 
 def test_a_trial_that_breaks_something_says_how_to_get_there(file, monkeypatch):
     def breaks(plan, file):
-        outcome = run(replace(plan, jobs=(), faults=()), file)
-        return replace(outcome, plan=plan, broken=["the sky falls"])
+        return Outcome(plan, broken=["the sky falls"])
 
     monkeypatch.setattr("supernode.chaos.simulated.campaign.run", breaks)
     monkeypatch.setattr("supernode.chaos.simulated.trial.run", breaks)
     told = in_words(trial(file, 3))
-    assert "BROKEN" in told
-    assert "lost: the sky falls" in told
+    assert "broken: the sky falls" in told
+    assert "submit {'topology': " in told
     assert "the shortest way there, 0 faults" in told
+
+
+def test_users_own_problems_are_refused(capsys):
+    code, _, told = in_process(capsys, "chaos", ROOT / "examples" / "inspection_tour.py", "--simulate")
+    assert code == 2
+    assert "Traceback" not in told
