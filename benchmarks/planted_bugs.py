@@ -168,6 +168,61 @@ BUGS = (
         "            return sorted(needed.intersection(nodes))",
         "            return []",
     ),
+    # What simulation had found in this project, and was mended.
+    Bug(
+        "a coordinator does not recall the hosts of the one before",
+        "coordinator.service.host_book",
+        "        self._recall()\n",
+        "        self._kept = []\n",
+    ),
+    Bug(
+        "a job is not taken over while one of its hosts is out of reach",
+        "coordinator.service.joined",
+        "            away = known.difference(self._scheduler.here)\n",
+        "            away = known.difference(known)\n",
+    ),
+    Bug(
+        "nodes that were cut off at the end of a job breed on",
+        "coordinator.service.service_dispatcher",
+        "            elif now > self._strays.setdefault(stray, now) + _STRAY_AFTER:",
+        "            elif now < self._strays.setdefault(stray, now):",
+    ),
+    Bug(
+        "an epoch is not prepared again for nodes that are back",
+        "coordinator.jobs.calls",
+        "                if for_nodes_back:",
+        "                if for_nodes_back and not self._replaces:",
+    ),
+    Bug(
+        "the death of a node is not told to a job that moves away from it",
+        "coordinator.service.joined",
+        "            self._tell_movers([node], crash)\n",
+        "            pass\n",
+    ),
+    Bug(
+        "the loss of a host while a change is prepared counts for the change only",
+        "coordinator.jobs.changing",
+        "            change.answer.put(error)\n            raise\n",
+        "            change.answer.put(error)\n            return\n",
+    ),
+    Bug(
+        "links of an epoch that was given up stay open",
+        "node.epochs",
+        "        self._close_latest()  # of",
+        "        # of",
+    ),
+    Bug(
+        "nodes that are still to come are not drained",
+        "coordinator.jobs.scheduler",
+        "        self._leaving.update(nodes)  # also",
+        "        self._leaving.update(self._here.intersection(nodes))  # also",
+    ),
+    Bug(
+        "a node listens where its old links are open",
+        "coordinator.jobs.node_hosts",
+        "        return min(ahead, key=lambda number: taken[number % PORTS])",
+        "        return max(ahead, key=lambda number: taken[number % PORTS])",
+    ),
 )
 
 

@@ -68,6 +68,29 @@ def test_cells_of_nodes_that_leave_move_to_free_nodes_if_there_are_enough():
     assert scheduler.free_nodes == 5
 
 
+def test_nodes_that_are_told_to_leave_before_they_come_get_no_job():
+    scheduler = Scheduler(4, joining=True)
+    scheduler.drain([2, 3])
+    scheduler.join([0, 1, 2, 3])
+    assert scheduler.free_nodes == 2
+    assert run(scheduler, 1, "torus 2x2") == []
+    scheduler.stay([2, 3])
+    assert scheduler.start() == [Placed(1, (0, 1, 2, 3))]
+
+
+def test_nodes_out_of_reach_keep_their_cells_and_get_no_further_job():
+    scheduler = Scheduler(8)
+    assert run(scheduler, 1, "torus 2x2") == [Placed(1, (0, 1, 2, 3))]
+    scheduler.rest([2, 3, 4, 5])
+    assert run(scheduler, 2, "torus 2x2") == []
+    assert scheduler.drain([6]) == {}, "cells of nodes out of reach do not move"
+    assert scheduler.nodes_of(1) == (0, 1, 2, 3)
+    scheduler.free(1)
+    assert scheduler.free_nodes == 3
+    scheduler.stay([2, 3, 4, 5])
+    assert scheduler.free_nodes == 7
+
+
 def test_nodes_whose_host_comes_back_before_it_has_ended_get_jobs_again():
     scheduler = Scheduler(4)
     run(scheduler, 1, "torus 1x2")
