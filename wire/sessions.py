@@ -16,20 +16,9 @@ from typing import Any
 
 import zenoh
 
-# A runtime that closes a link waits up to 10 s for the tasks of that link (zenoh issue 2718). Meanwhile another thread
-# takes its place, but by default only one: when several processes died at once, the others' links stood still for 10 s.
-# These threads are started when they are needed, and end after a while.
-_CLOSING = 128
-
 # In the syntax of ZENOH_RUNTIME; a runtime with a "handover" has no threads and runs its tasks on the other's.
-NODE_RUNTIME = (
-    "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),"
-    f"net:(worker_threads:1,max_blocking_threads:{_CLOSING}))"
-)
-ROUTER_RUNTIME = (
-    f"(rx:(worker_threads:1,max_blocking_threads:{_CLOSING}),acc:(handover:net),tx:(handover:net),app:(handover:net),"
-    f"net:(worker_threads:1,max_blocking_threads:{_CLOSING}))"
-)
+NODE_RUNTIME = "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
+ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),app:(handover:net))"
 
 MOST_SESSIONS = 10_000
 _SLOW_MS = 60_000  # with hundreds of processes on a core any step of a handshake may take long
