@@ -1,14 +1,18 @@
 """Wait until the latest epoch of a job has stopped; stops and changes are begun meanwhile."""
 
+import json
 import time
+from collections import Counter
 
 from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, MovedError, ReplacedError, Reported, StatesTold
 from coordinator.jobs.changing import Changing
 from coordinator.jobs.checkpointing import Checkpointing
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.job import Change, Moved, Replaced, Returned, StopRequest
+from wire.control import Done, Look
 
 EVAL_TIMEOUT = 60.0  # seconds
+_MOST_IN_VAIN = 10  # questions for the reports of an epoch, one soon after another unless cells are at work in it
 
 
 class Running:
@@ -29,6 +33,7 @@ class Running:
         self._checkpointing = checkpointing
         self._eval_timeout = eval_timeout
         self._give_up_at: float | None = None  # when cells that have not stopped never will; on the monotonic clock
+        self._asked_in_vain: Counter[int] = Counter()  # by epoch, how often its reports were asked for
         self._ask_at: float | None = None  # when to ask for reports again; on the monotonic clock
 
     def gather(self) -> str | None:
@@ -81,10 +86,25 @@ class Running:
         """Ask for reports again and repeat the stops, which a dead router may have lost; both are idempotent."""
         job = self._job
         for epoch in job.epochs.unsettled:
-            job.ask_for_reports(epoch)
             if epoch is not job.epoch:
+                self._asked_in_vain[epoch.number] += 1
+                if self._asked_in_vain[epoch.number] >= _MOST_IN_VAIN and self._is_left():
+                    epoch.dead.update(set(range(epoch.cells)) - epoch.reports.keys())
+                    continue
                 job.stop_everywhere(epoch.number, "update")
+            job.ask_for_reports(epoch)
         job.unsent_stop = job.stop_request
+
+    def _is_left(self) -> bool:
+        """Return whether all cells are in the latest epoch: reports of the one before are lost if none has them then.
+
+        A process that took the place of a dead one in the latest epoch has none of its predecessor's, and a coordinator
+        that has taken over does not either.
+        """
+        job = self._job
+        looks = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
+        epochs = [json.loads(look.note)["epoch"] for look in looks if isinstance(look, Done)]
+        return len(epochs) == job.epoch.cells and set(epochs) == {job.epoch.number}
 
     def _send_what_was_put_off(self) -> None:
         """Send a stop or begin a change that came while cells were still moving to the latest epoch.

@@ -12,7 +12,10 @@ from problems import BadInput, ProblemFile
 from spy.past import Lived, Past
 from supernode.chaos.simulated.client import Asked, SimulatedClient
 from supernode.chaos.simulated.cluster import Cluster
+from supernode.chaos.simulated.plans import Plan
 from supernode.chaos.simulated.world import World
+
+_OF_DEATHS = {"replace", "resume"}  # directives of epochs that began because cells could not go on exactly
 
 
 class Invariants:
@@ -23,18 +26,16 @@ class Invariants:
         cluster: the cluster.
         client: the client.
         broken: takes a sentence for each thing that is broken.
-        may_lose_hosts: whether hosts stay away for so long that jobs may fail because of it.
+        plan: what happens to the cluster, so what jobs may suffer from it.
     """
 
-    def __init__(
-        self, world: World, cluster: Cluster, client: SimulatedClient, broken: list[str], may_lose_hosts: bool
-    ) -> None:
-        self._may_lose_hosts = may_lose_hosts
+    def __init__(self, world: World, cluster: Cluster, client: SimulatedClient, broken: list[str], plan: Plan) -> None:
+        self._may_lose_hosts = plan.loses_hosts
+        self._may_lose_histories = any(fault.whom == "coordinator" for fault in plan.faults)
         self._world = world
         self._cluster = cluster
         self._client = client
         self._broken = broken
-        self._epochs: dict[int, int] = {}  # by job, the latest epoch that a cell has been seen in
         self._seen: set[str] = set()
 
     def look(self, every: float) -> None:
@@ -70,7 +71,7 @@ class Invariants:
             self._world.say(f"BROKEN: {text}")
 
     def _cells(self) -> None:
-        """No two processes on a cell, at most two epochs of a job at a time, and no way back to an earlier one."""
+        """No two processes on a cell, and at most two epochs of a job at a time."""
         self._numbers()
         on: dict[tuple[int, int, int], list[int]] = defaultdict(list)
         epochs: dict[int, set[int]] = defaultdict(set)
@@ -83,9 +84,6 @@ class Invariants:
         for job, there in epochs.items():
             if max(there) - min(there) > 1:
                 self._complain(f"job {job}: epochs {sorted(there)} run at the same time")
-            latest = self._epochs[job] = max(self._epochs.get(job, 0), *there)
-            if max(there) < latest:
-                self._complain(f"job {job}: its cells go back from epoch {latest} to {sorted(there)}")
 
     def _running(self) -> Iterator[tuple[int, Assignment]]:
         """Yield the nodes that run a cell, and what they are assigned to."""
@@ -127,9 +125,14 @@ class Invariants:
             self._complain(f"{asked.id}: {sorted(asked.changed)} were answered, but its directives are {sorted(done)}")
 
     def _repeats(self, asked: Asked, result: dict[str, Any]) -> None:
-        """A result in lockstep is that of a replay, so all cells have stopped after the same generation."""
-        anew = any(each["do"] == "restart" for each in result["directives"])
-        if asked.file.run.mode != "lockstep" or anew or not result["generations"]:
+        """A result in lockstep is that of a replay, so all cells have stopped after the same generation.
+
+        A part of its history may be unknown if cells have died as an epoch began, or before a coordinator took over.
+        """
+        done = {each["do"] for each in result["directives"]}
+        if asked.file.run.mode != "lockstep" or "restart" in done or not result["generations"]:
+            return
+        if result["history_sha256"] is None and (done & _OF_DEATHS or self._may_lose_histories):
             return
         history, fitness = _expected(_Key(asked.file), json.dumps(result["directives"], sort_keys=True))
         if history != result["history_sha256"]:

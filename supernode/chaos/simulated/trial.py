@@ -94,7 +94,7 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
         client = SimulatedClient(world, network, cluster.router, cluster.keys)
         disk.fails = lambda: world.now < cluster.disk_fails_until
         disk.spend = lambda: world.spend(_COMMIT)
-        invariants = Invariants(world, cluster, client, broken, plan.loses_hosts)
+        invariants = Invariants(world, cluster, client, broken, plan)
         world.run(lambda: cluster.is_ready, _READY_WITHIN)
         ready = world.now
         for number, job in enumerate(plan.jobs):
