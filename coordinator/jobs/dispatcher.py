@@ -235,6 +235,7 @@ class Dispatcher:
         """Add a node to the cluster. Harmless if it is there already."""
         with self._lock:
             self._scheduler.join([node])
+        self.returned(node)  # to a job that was taken over while its host was out of reach
         self._start()
 
     def left(self, nodes: Iterable[int], why: str) -> None:
