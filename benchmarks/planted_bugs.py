@@ -135,8 +135,8 @@ BUGS = (
     Bug(
         "reports that a dead router has lost are not asked for again",
         "coordinator.jobs.running",
-        "            job.ask_for_reports(epoch)\n            if epoch is not job.epoch:",
-        "            if epoch is not job.epoch:",
+        '                job.stop_everywhere(epoch.number, "update")\n            job.ask_for_reports(epoch)\n',
+        '                job.stop_everywhere(epoch.number, "update")\n',
     ),
     Bug(
         "nodes are not freed at the end of a job",

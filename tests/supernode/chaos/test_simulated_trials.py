@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from command_line import in_process
 
+from benchmarks import planted_bugs
 from problems import load
 from supernode.chaos.simulated.campaign import in_words, trial
 from supernode.chaos.simulated.plans import Fault, drawn
@@ -58,6 +59,12 @@ def test_a_command_shows_the_events_and_counts_trials(capsys):
 
 
 BUGS = ("reports that a dead router", "a coordinator that takes over takes all nodes")
+
+
+@pytest.mark.parametrize("bug", planted_bugs.BUGS, ids=lambda bug: bug.name)
+def test_every_bug_can_be_planted(bug):
+    source = ROOT.joinpath(*bug.module.split(".")).with_suffix(".py").read_text()
+    assert source.count(bug.old) == 1
 
 
 @pytest.mark.parametrize("name", BUGS)
