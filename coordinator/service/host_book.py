@@ -93,6 +93,7 @@ class HostBook:
         self._drain = drain
         self._hosts: dict[str, Host] = {}  # by id; their nodes are disjoint
         self._present: set[str] = set()  # ids of hosts whose token exists
+        self._gone: set[str] = set()  # ids of hosts whose token has disappeared, until it is back or they are given up
         self._drained: set[str] = set()  # ids of hosts that no job needs and that are about to end
         self._lost: dict[str, Host] = {}  # by id, hosts that were given up, but may only have been cut off
         self._away: dict[str, float] = {}  # ids of the other hosts, with the time (monotonic) when they count as gone
@@ -151,10 +152,8 @@ class HostBook:
     def _note(self, host: Host) -> None:
         if host.nodes:
             self._lost.pop(host.id, None)
-            for other in [
-                *self._hosts.values(),
-                *self._lost.values(),
-            ]:  # an earlier start of it, if that was stored last
+            # An earlier start of it may be among the others, if that was stored last.
+            for other in [*self._hosts.values(), *self._lost.values()]:
                 if other.id != host.id and set(other.nodes) & set(host.nodes):
                     self._forget(other.id)
             is_new, self._hosts[host.id] = self._hosts.get(host.id) != host, host
@@ -202,14 +201,16 @@ class HostBook:
     def _notice(self, seen: _Seen) -> None:
         if seen.here:
             self._present.add(seen.id)
-            was_away = self._away.pop(seen.id, None) is not None
+            self._away.pop(seen.id, None)
             if seen.id in self._lost:
                 self._note(self._lost.pop(seen.id))
-            elif was_away:
+            elif seen.id in self._gone and seen.id in self._hosts:
                 self._came(self._hosts[seen.id])
+            self._gone.discard(seen.id)
         else:
             self._present.discard(seen.id)
             if seen.id in self._hosts:
+                self._gone.add(seen.id)
                 self._went(self._hosts[seen.id])
                 stay = 0.0 if seen.id in self._drained else self._timeout
                 self._away[seen.id] = time.monotonic() + stay
@@ -219,6 +220,7 @@ class HostBook:
         for host in [host for host, due in self._away.items() if due <= now]:
             if self._session.info.routers_zid():
                 del self._away[host]
+                self._gone.discard(host)
                 gone = self._hosts.pop(host)
                 if host not in self._drained:
                     self._lost[host] = gone
