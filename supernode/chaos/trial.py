@@ -13,10 +13,9 @@ from typing import Any
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.states import ENDS
 from coordinator.launch.launcher import ServiceOptions
-from node.replay import replay
 from problems import BadInput, ProblemFile
-from spy.past import Lived, Past
 from spy.result import Result
+from supernode.chaos.repeating import repeated
 from supernode.chaos.schedule import Fault
 from supernode.client.client import Client, ClientJob
 from supernode.client.cluster_info import Place
@@ -208,11 +207,7 @@ def _whole_again(done: Sequence[tuple[float, Fault]], records: Iterable[Mapping[
 def _repeats(file: ProblemFile, result: Result) -> bool:
     """Return whether the run that a result tells of has the same history if it is lived through once more."""
     try:
-        *before, last = replay(file, result.directives)
-    except BadInput:  # an epoch ends elsewhere, or a directive says that the run cannot be repeated
+        history, _ = repeated(file, result.directives)
+    except BadInput:
         return False
-    past = Past()
-    for epoch, then in zip(before, [*before, last][1:], strict=True):
-        past = past.and_then(Lived(epoch.file, epoch.reports, epoch.plan.epoch), then.why)
-    past = past.and_then(Lived(last.file, last.reports, last.plan.epoch))
-    return result.history_sha256 is not None and past.history == result.history_sha256
+    return result.history_sha256 is not None and history == result.history_sha256

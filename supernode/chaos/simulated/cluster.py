@@ -107,13 +107,11 @@ class Cluster:
     def kill(self, name: str) -> None:
         """Kill a process; another one takes its place soon."""
         process = self.processes.get(name)
-        if process is None or not process.alive:
-            return
-        process.kill()
-        self._replace(name)
+        if process is not None:
+            self.ended(process)
 
     def ended(self, process: Process) -> None:
-        """Note that a process has ended by itself."""
+        """Note that a process has ended, or end it."""
         if self.processes.get(process.name) is process:
             process.kill()
             self._replace(process.name)

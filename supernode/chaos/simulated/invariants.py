@@ -7,9 +7,8 @@ from functools import cache
 from typing import Any
 
 from node.assignment import Assignment
-from node.replay import replay
 from problems import BadInput, ProblemFile
-from spy.past import Lived, Past
+from supernode.chaos.repeating import repeated
 from supernode.chaos.simulated.client import Asked, SimulatedClient
 from supernode.chaos.simulated.cluster import Cluster
 from supernode.chaos.simulated.plans import Plan
@@ -58,8 +57,7 @@ class Invariants:
             self._complain(f"all jobs have ended, but nodes {strays} still run cells")
         for asked in self._client.jobs:
             self._ended(asked)
-            lost_host = self._may_lose_hosts and "has been away for" in (asked.message or "")
-            if asked.result is not None and not lost_host:
+            if asked.result is not None and not self._has_lost_a_host(asked):
                 self._told(asked, asked.result)
                 self._changed(asked, asked.result)
                 self._repeats(asked, asked.result)
@@ -88,9 +86,8 @@ class Invariants:
     def _running(self) -> Iterator[tuple[int, Assignment]]:
         """Yield the nodes that run a cell, and what they are assigned to."""
         for node, process in self._cluster.nodes.items():
-            living = self._cluster.processes.get(f"node {node}")
             assignment = process.driver.assignment
-            if living is not None and living.alive and assignment is not None and assignment.cell.state == "running":
+            if assignment is not None and assignment.cell.state == "running":
                 yield node, assignment
 
     def _numbers(self) -> None:
@@ -106,10 +103,13 @@ class Invariants:
         if asked.refused is not None:
             self._complain(f"{asked.id} is {'lost' if asked.accepted else 'refused'}: {asked.refused}")
         elif asked.status == "failed":
-            if not (self._may_lose_hosts and "has been away for" in (asked.message or "")):
+            if not self._has_lost_a_host(asked):
                 self._complain(f"{asked.id} failed: {asked.message}")
         elif asked.result is None and asked.status not in ("deadline", "cancelled"):
             self._complain(f"{asked.id} is {asked.status}, but has no result")
+
+    def _has_lost_a_host(self, asked: Asked) -> bool:
+        return self._may_lose_hosts and "has been away for" in (asked.message or "")
 
     def _told(self, asked: Asked, result: dict[str, Any]) -> None:
         """The result is not worse than the best that the client was told in the last epoch."""
@@ -159,12 +159,6 @@ class _Key:
 def _expected(key: _Key, directives: str) -> tuple[str | None, float | None]:
     """Return the history and the fitness of a run with these directives, or instead why they cannot be repeated."""
     try:
-        *before, last = replay(key.file, json.loads(directives))
+        return repeated(key.file, json.loads(directives))
     except BadInput as error:
         return str(error), None
-    past = Past()
-    for epoch, then in zip(before, [*before, last][1:], strict=True):
-        past = past.and_then(Lived(epoch.file, epoch.reports, epoch.plan.epoch), then.why)
-    lived = Lived(last.file, last.reports, last.plan.epoch)
-    best = past.or_better(lived)
-    return past.and_then(lived).history, None if best is None else best.fitness

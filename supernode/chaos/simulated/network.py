@@ -2,8 +2,8 @@
 
 A link carries messages in their order, each after a drawn time. It breaks when one of its ends dies: what that end had
 sent arrives, what was sent to it is lost, the other end sees the tokens behind the link vanish, and questions asked
-through it end unanswered. A
-session looks for its router, and a peer for the peers that it was told of, until they are there.
+through it end unanswered. A session looks for its router, and a peer for the peers that it was told of, until they are
+there.
 
 What this leaves out of Zenoh: full queues that hold back a sender, and the layout of its messages.
 """

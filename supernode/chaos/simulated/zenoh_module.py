@@ -31,7 +31,6 @@ class Zenoh:
         )
         self.sessions = types.SimpleNamespace(
             client=self.client,
-            visitor=self.visitor,
             peer=self.peer,
             unix_socket=unix_socket,
             use_runtime=lambda _: None,
@@ -45,20 +44,9 @@ class Zenoh:
 
     def client(self, endpoint: str) -> Session:
         """Instead of `wire.sessions.client`."""
-        return self._opened(endpoint, _OPENED_WITHIN)
-
-    def visitor(self, endpoint: str, within: float) -> Session:
-        """Instead of `wire.sessions.visitor`."""
-        session = self._opened(endpoint, within)
-        if not session.links:
-            session.close()
-            raise ZError(f"no router at {endpoint}")
-        return session
-
-    def _opened(self, endpoint: str, within: float) -> Session:
         world = self._network.world
         session = Session(self._network, self._process(), [], [endpoint])
-        until = world.now + within
+        until = world.now + _OPENED_WITHIN
         while not session.links and world.now < until:
             world.sleep(1e-3)
         return session
