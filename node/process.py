@@ -48,7 +48,7 @@ from wire.strict import Rejected, of, pack, unpack
 
 # Made when the zygote imports this module, not in each node: making one touches forty pages, which a forked node would
 # have to copy. Each node still has its own, because a fork copies what the node writes to.
-_FAST_PATH = make_fast_path()
+FAST_PATH = make_fast_path()
 
 
 def live(config: NodeConfig) -> None:
@@ -78,7 +78,7 @@ class NodeProcess:
         counters = self.control.declare_publisher(config.keys.stats(config.node))
         self._telemetry = Telemetry(config.node, counters.put, self._publish_record)
         self.driver = Driver(
-            self._carry_out, self._telemetry, TurnTaking(config.core_tokens), _FAST_PATH, self._pinning.pin
+            self._carry_out, self._telemetry, TurnTaking(config.core_tokens), FAST_PATH, self._pinning.pin
         )
         self.epochs = Epochs(config, self.control, self.driver, self._telemetry)
         self._commands = Commands(config.node, self._seal, self.driver, self.epochs)

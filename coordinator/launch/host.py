@@ -37,9 +37,9 @@ from wire.strict import Rejected
 
 _ENDING = {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 _JOINED = signal.SIGUSR1  # from the agent: the nodes' numbers are in the pipe
-_LEAVE = signal.SIGUSR2  # to the agent: have the jobs moved away, and end
+LEAVE = signal.SIGUSR2  # to the agent: have the jobs moved away, and end
 _REFUSED = 101  # exit status of an agent whose host the coordinator has refused
-_DRAINED = 102  # exit status of an agent whose host no job needs any more
+DRAINED = 102  # exit status of an agent whose host no job needs any more
 _DRAINED_WITHIN = 25.0  # seconds; Kubernetes and Slurm kill 30 s after SIGTERM
 _ANSWER_WITHIN = 5.0  # seconds
 _AGAIN = 0.1  # seconds
@@ -128,7 +128,7 @@ class HostZygote(Zygote):
             if found.si_signo != signal.SIGTERM or self._until is not None or agent is None or not self._host.nodes:
                 return None
             self._until = time.monotonic() + _DRAINED_WITHIN
-            os.kill(agent, _LEAVE)
+            os.kill(agent, LEAVE)
 
     def _fork_nodes(self) -> None:
         if self._host.nodes:  # forked already
@@ -144,8 +144,8 @@ class HostZygote(Zygote):
 
     def _is_the_end(self, name: str, status: int) -> bool:
         code = os.WEXITSTATUS(status) if name == _AGENT and os.WIFEXITED(status) else None
-        self._is_drained = code == _DRAINED
-        return code in (_REFUSED, _DRAINED) or self._dies_too_often()
+        self._is_drained = code == DRAINED
+        return code in (_REFUSED, DRAINED) or self._dies_too_often()
 
     def _fork_again(self, name: str) -> None:
         if name == _AGENT:
@@ -209,7 +209,7 @@ def attend(
     leave = threading.Event()
     if leaves:
         leave.set()
-    signal.signal(_LEAVE, lambda *_: leave.set())
+    signal.signal(LEAVE, lambda *_: leave.set())
     sessions.use_runtime(sessions.NODE_RUNTIME)
     session = sessions.client(router)
     here = [host]  # as it is now; Zenoh's thread reads it
@@ -228,7 +228,7 @@ def attend(
     leave.wait()
     assert declared, "they are there as long as this process waits"
     _drain(session, keys, seal, here[0])
-    os._exit(_DRAINED)
+    os._exit(DRAINED)
 
 
 def _drain(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> None:

@@ -101,7 +101,7 @@ class JoinedCluster(Cluster):
         host.is_leaving = True
         agent = self.processes.get(f"agent {host.planned.name}")
         if agent is not None:
-            agent.signal(launch_host._LEAVE)
+            agent.signal(launch_host.LEAVE)
         start = host.starts
 
         def give_up() -> None:
@@ -117,7 +117,7 @@ class JoinedCluster(Cluster):
     def ended(self, process: Process) -> None:
         """Note that a process has ended by itself: a host whose agent says that no job needs it ends too."""
         kind, _, name = process.name.partition(" ")
-        if kind == "agent" and process.status == launch_host._DRAINED:
+        if kind == "agent" and process.status == launch_host.DRAINED:
             self.world.say(f"host {name} is drained")
             self._end_host(self._hosts[name], self.world.draw.uniform(0.5, 5.0))
         else:

@@ -118,7 +118,7 @@ def in_place(world: World, network: Network, processes: dict[int, Process]) -> I
         "os": (os, _System(world, processes)),
         "ThreadPoolExecutor": (ThreadPoolExecutor, types.executor),
         "core_of": (core_of, lambda *_: None),  # simulated nodes have no cores
-        "_FAST_PATH": (node.process._FAST_PATH, OrdinaryPath()),  # compiled code calls the real libraries
+        "FAST_PATH": (node.process.FAST_PATH, OrdinaryPath()),  # compiled code calls the real libraries
     }
     undo: list[tuple[ModuleType, str, object]] = []
     for module in modules():
