@@ -19,7 +19,7 @@ def cluster(tmp_path_factory):
 def job(cluster):
     pytest.importorskip("pinocchio")
     with cluster.connect() as client:
-        job = client.submit(ROOT / "examples" / "panda-shelf.toml", seconds=3)
+        job = client.submit(ROOT / "examples" / "panda-shelf.toml", generations=10)
         job.answer(SOLVED)
         return job.id
 
