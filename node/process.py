@@ -131,7 +131,8 @@ class NodeProcess:
 
         key = self._config.keys.control(assignment.links.wiring.nodes[action.neighbour])
         missed = control.encode(Missed(assignment.job, assignment.epoch, action.generation))
-        self.control.get(key, direct(hear), payload=self._seal.close(key, missed), timeout=PATIENCE)
+        sealed, priority = self._seal.close(key, missed), sessions.LONG_ANSWER
+        self.control.get(key, direct(hear), payload=sealed, timeout=PATIENCE, priority=priority)
 
 
 def _messages_in(payload: bytes) -> list[bytes]:

@@ -23,6 +23,15 @@ ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),ap
 MOST_SESSIONS = 10_000
 _SLOW_MS = 60_000  # with hundreds of processes on a core any step of a handshake may take long
 _MOST_MESSAGE_BYTES = 64 << 20  # the longest answer to a client
+LONG_ANSWER = zenoh.Priority.DATA_LOW
+"""The priority of questions with long answers; the answers have the question's. See `_LONG_QUEUE`."""
+
+# A node's one network thread sends, and empties the queues (one for each priority) of what others have sent. If it
+# finds a queue full, or another thread that waits for room there, it waits too: for the seconds after which Zenoh gives
+# up. So long answers have a queue of their own, with room for the longest: what up to eight states of neighbours take
+# (`node.engine.state.MOST_BYTES`) and the messages since, in batches of 64 KB. A thread of its own for sending would
+# cost each exchange a change of threads.
+_LONG_QUEUE = 16  # batches; 2 by default
 _ALWAYS: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -31,6 +40,7 @@ _ALWAYS: dict[str, Any] = {
     "transport/link/tx/lease": _SLOW_MS,
     "transport/link/tx/keep_alive": 2,
     "transport/link/rx/max_message_size": _MOST_MESSAGE_BYTES,
+    "transport/link/tx/queue/size/data_low": _LONG_QUEUE,
     "transport/unicast/max_sessions": MOST_SESSIONS,
     "transport/unicast/accept_pending": MOST_SESSIONS,
     "transport/unicast/open_timeout": _SLOW_MS,

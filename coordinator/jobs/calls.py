@@ -18,7 +18,7 @@ import zenoh
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.job import Failure, Moved, Replaced, Returned, StopRequest
 from problems import BadInput
-from wire import control
+from wire import control, sessions
 from wire.callbacks import direct
 from wire.control import Command, Done, Finish, Judged, Look, Prepare, Refused, TellStates
 from wire.report import Report
@@ -322,6 +322,7 @@ def _get(session: zenoh.Session, seal: Seal, key: str, command: Command, handler
         target=zenoh.QueryTarget.ALL,
         consolidation=zenoh.ConsolidationMode.NONE,
         timeout=timeout,
+        priority=sessions.LONG_ANSWER if isinstance(command, TellStates) else zenoh.Priority.DATA,
     )
 
 

@@ -132,6 +132,7 @@ class Session(Station):
         timeout: float = 10.0,
         target: object = None,
         consolidation: object = None,
+        priority: object = None,
     ) -> Any:
         """Ask a question; without a handler return an iterator over the answers."""
         if not self.is_open:

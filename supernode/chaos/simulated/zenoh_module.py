@@ -25,6 +25,7 @@ class Zenoh:
             ZError=ZError,
             ZBytes=Bytes,
             Publisher=Publisher,
+            Priority=types.SimpleNamespace(DATA="data"),
             QueryTarget=types.SimpleNamespace(ALL="all"),
             ConsolidationMode=types.SimpleNamespace(NONE="none"),
             handlers=types.SimpleNamespace(Callback=Callback),
@@ -35,6 +36,7 @@ class Zenoh:
             unix_socket=unix_socket,
             use_runtime=lambda _: None,
             NODE_RUNTIME="",
+            LONG_ANSWER="data_low",
         )
 
     def _process(self) -> Process:
