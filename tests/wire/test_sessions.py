@@ -1,0 +1,77 @@
+"""Questions to a process whose one network thread also sends, while it gives long answers."""
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+from wire import sessions
+
+LONG_BYTES = 700_000  # of one answer: about what eight states and the messages since take
+ANSWERED_WITHIN = (
+    30.0  # s; with one queue for all answers it takes a minute, since each full queue is given up after 5 s
+)
+QUESTIONS = 30
+
+ANSWERING = """
+import queue, sys
+from wire import sessions
+from wire.callbacks import direct
+sessions.use_runtime(sessions.NODE_RUNTIME)
+session, long = sessions.client(sys.argv[1]), queue.SimpleQueue()
+size = int(sys.argv[2])
+
+def hear(query):  # on the network thread
+    if query.payload.to_bytes() == b"long":
+        return long.put(query)
+    with query:
+        query.reply(query.key_expr, b"short")
+
+queryable = session.declare_queryable("asked", direct(hear))
+print("ready", flush=True)
+while True:
+    with long.get() as query:
+        query.reply(query.key_expr, bytes(size))
+"""
+ROUTING = """
+import signal, sys
+from wire import sessions
+sessions.use_runtime(sessions.ROUTER_RUNTIME)
+session = sessions.router([sys.argv[1]])
+print("ready", flush=True)
+signal.pause()
+"""
+
+
+def started(code, *arguments):
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+@pytest.fixture
+def asking():
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        endpoint = sessions.unix_socket(Path(folder), "router")
+        processes = [started(ROUTING, endpoint), started(ANSWERING, endpoint, LONG_BYTES)]
+        session = sessions.client(endpoint)
+        yield session
+        session.close()
+        for process in processes:
+            process.kill()
+            process.communicate()
+
+
+def test_short_answers_are_given_beside_long_ones(asking):
+    began, sizes = time.monotonic(), []
+    for _ in range(QUESTIONS):
+        long = asking.get("asked", payload=b"long", priority=sessions.LONG_ANSWER, timeout=30.0)
+        shorts = [asking.get("asked", payload=b"short", timeout=30.0) for _ in range(20)]
+        sizes += [len(reply.ok.payload.to_bytes()) for short in shorts for reply in short]
+        sizes += [len(reply.ok.payload.to_bytes()) for reply in long]
+    assert sizes == ([5] * 20 + [LONG_BYTES]) * QUESTIONS
+    assert time.monotonic() - began < ANSWERED_WITHIN
