@@ -176,6 +176,12 @@ BUGS = (
         "        self._kept = []\n",
     ),
     Bug(
+        "a coordinator does not tell a job that a node is back which it had not seen before",
+        "coordinator.service.launched",
+        "Roster(session, keys, self.replaced, self.returned, self.returned, self.heard)",
+        "Roster(session, keys, self.replaced, returned=self.returned, heard=self.heard)",
+    ),
+    Bug(
         "a job is not taken over while one of its hosts is out of reach",
         "coordinator.service.joined",
         "            away = known.difference(self._scheduler.here)\n",

@@ -64,6 +64,7 @@ class LaunchedDispatcher(ServiceDispatcher):
         super().__init__(
             session, keys, seal, hooks, topology=topology, wired=wired, max_queue=max_queue, eval_timeout=eval_timeout
         )
-        self._roster = Roster(session, keys, self.replaced, returned=self.returned, heard=self.heard)
+        # A node that this coordinator sees for the first time may have been cut off while the one before was replaced.
+        self._roster = Roster(session, keys, self.replaced, self.returned, self.returned, self.heard)
         if not wired:
             self._log("warning", "the coordinator has died: another one goes on in its place")
