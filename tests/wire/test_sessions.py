@@ -10,7 +10,7 @@ import pytest
 
 from wire import sessions
 
-LONG_BYTES = 700_000  # of one answer: about what eight states and the messages since take
+LONG_BYTES = 800_000  # of one answer: what three states of each of four neighbours and the messages since take
 ANSWERED_WITHIN = (
     30.0  # s; with one queue for all answers it takes a minute, since each full queue is given up after 5 s
 )
