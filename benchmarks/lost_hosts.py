@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 
 import supernode
+from coordinator.errors import ClusterFailed
 from supernode.chaos.repeating import repeated
 from supernode.client.client import Client, ClientJob
 from supernode.deploy.addresses import free_port
@@ -105,12 +106,17 @@ def _goes_on(client: Client, job: ClientJob, cells: int) -> tuple[float, int]:
     raise SystemExit(f"the job does not go on: it is {job.state()}")
 
 
-def _wait_until_ready(client: Client, nodes: int) -> None:
-    until = time.monotonic() + _READY_WITHIN
-    while (status := client.status())["spy"] is None or len(status["nodes"]) < nodes:
-        if time.monotonic() > until:
-            raise SystemExit(f"the nodes have not joined within {_READY_WITHIN:.0f} s")
+def _client(endpoint: str, nodes: int) -> Client:
+    """Return a client once all processes of the cluster are there."""
+    client, until = None, time.monotonic() + _READY_WITHIN
+    while time.monotonic() < until:
+        with contextlib.suppress(ClusterFailed):
+            client = supernode.connect(endpoint) if client is None else client
+            status = client.status()
+            if status["spy"] is not None and len(status["nodes"]) == nodes:
+                return client
         time.sleep(_LOOK_AGAIN)
+    raise SystemExit(f"the nodes have not joined within {_READY_WITHIN:.0f} s")
 
 
 def main() -> None:
@@ -124,8 +130,7 @@ def main() -> None:
     cells = math.prod(int(number) for number in options.torus.split("x"))
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         hosts = Hosts(options.hosts, cells // options.hosts, Path(folder), stack)
-        with supernode.connect(hosts.connect) as client:
-            _wait_until_ready(client, cells)
+        with _client(hosts.connect, cells) as client:
             run = {"topology": f"torus {options.torus}", "mode": options.mode, "seed": 1, "target": -1.0}
             file = supernode.load(str(_PROBLEM)).with_run(**run, stall=1 << 30)
             job = client.submit(file)
