@@ -212,6 +212,12 @@ BUGS = (
         "            change.answer.put(error)\n            return\n",
     ),
     Bug(
+        "a cell that died as it moved, and whose state is kept, gets the deme that it did not report",
+        "coordinator.jobs.replacing",
+        "for cell, donor in (moved | donors).items() if cell not in states}",
+        "for cell, donor in donors.items() if cell not in states} | moved",
+    ),
+    Bug(
         "links of an epoch that was given up stay open",
         "node.epochs",
         "        self._close_latest()  # of",

@@ -10,8 +10,9 @@ import sys
 import threading
 import time
 from collections.abc import Iterable
+from io import FileIO
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from problems import BadInput, Run
 from spy.improvement_records import ImprovementRecord, worth_telling
@@ -38,11 +39,12 @@ class RunLog:
 
     def __init__(self, path: str | Path | None, least: float = LEAST) -> None:
         self._least = least
-        self._file: TextIO | None = None
+        self._file: FileIO | None = None
+        self._size = 0  # bytes of whole lines
         self._turn = threading.RLock()
         if path is not None:
             try:
-                self._file = Path(path).open("w", encoding="utf-8", buffering=1)  # noqa: SIM115
+                self._file = Path(path).open("wb", buffering=0)  # noqa: SIM115
             except OSError as error:
                 raise BadInput(f"--log: expected a file that can be written, found {path}: {error.strerror}") from None
 
@@ -54,10 +56,16 @@ class RunLog:
         with self._turn:
             if self._file is None:
                 return
+            text = f"{json.dumps(line)}\n".encode()
+            rest = memoryview(text)
             try:
-                self._file.write(json.dumps(line) + "\n")
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+                self._size += len(text)
             except OSError as error:  # such as a full disk: the run goes on, since its answer matters more than its log
-                sys.stderr.write(f"warning: the run log ends here: {error.strerror}\n")
+                sys.stderr.write(f"warning: {self._file.name}: the run log ends here: {error.strerror}\n")
+                with contextlib.suppress(OSError):  # it may be a device
+                    self._file.truncate(self._size)  # no half line
                 self.close()
 
     def start(self, job: int | str, epoch: int, run: Run) -> None:

@@ -200,7 +200,7 @@ class Replacing:
         moved = {cell: cell for cell, (node, old) in nodes if node != old}
         size = len(next(iter(before.reports.values())).deme)
         demes = {cell: states[cell][-size:] for cell in states}  # a state ends with the deme
-        given = moved | {cell: donor for cell, donor in donors.items() if cell not in states}
+        given = {cell: donor for cell, donor in (moved | donors).items() if cell not in states}
         self._preparing.prepare(epoch, demes | {cell: before.reports[donor].deme for cell, donor in given.items()})
         self._preparing.show_to_the_spy(epoch)
         self._preparing.begin(epoch)

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import resource
 
 import numpy as np
 import pytest
@@ -317,3 +318,20 @@ def test_the_run_log_is_json_lines(tmp_path):
     assert events[0]["infinite"] is None
     with pytest.raises(BadInput, match="--log: expected a file that can be written"):
         RunLog(tmp_path)
+
+
+def test_a_run_log_on_a_full_disk_ends_with_a_whole_line(tmp_path, capsys):
+    path = tmp_path / "log.jsonl"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    log = RunLog(path)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (500, before[1]))
+        for number in range(20):
+            log.write("one", number=number)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    text = path.read_text()
+    assert 0 < len(text) < 500
+    assert text.endswith("\n")
+    assert [json.loads(line)["number"] for line in text.splitlines()] == list(range(text.count("\n")))
+    assert f"warning: {path}: the run log ends here" in capsys.readouterr().err

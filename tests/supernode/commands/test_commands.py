@@ -455,7 +455,7 @@ def test_a_log_on_a_full_disk_costs_the_log_and_not_the_answer(own_problem, comm
     done = run(command, own_problem(), "--torus", "1x2", "--quiet", "--log", "/dev/full")
     assert done.returncode == 0
     assert done.stdout.startswith("solved")
-    assert "warning: the run log ends here: No space left on device" in done.stderr
+    assert "warning: /dev/full: the run log ends here: No space left on device" in done.stderr
     assert "Traceback" not in done.stderr
 
 
