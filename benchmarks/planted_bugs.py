@@ -212,6 +212,12 @@ BUGS = (
         "            change.answer.put(error)\n            return\n",
     ),
     Bug(
+        "a coordinator that takes over does not ask which links are open",
+        "coordinator.jobs.replacing",
+        '                    job.dispatch.open_links(look["node"], look["wirings"])\n',
+        "                    pass\n",
+    ),
+    Bug(
         "a cell that died as it moved, and whose state is kept, gets the deme that it did not report",
         "coordinator.jobs.replacing",
         "for cell, donor in (moved | donors).items() if cell not in states}",

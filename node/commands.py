@@ -98,8 +98,8 @@ class Commands:
         """Answer a coordinator that looks for the nodes of a job. On the network thread."""
         assignment = self._driver.assignment
         if assignment is not None and assignment.job == command.job:
-            told = {"cell": assignment.cell.number, "epoch": assignment.epoch, "versions": fingerprint()}
-            answer(query, Done(json.dumps(told)))
+            place = {"node": self._node, "cell": assignment.cell.number, "epoch": assignment.epoch}
+            answer(query, Done(json.dumps({**place, "wirings": self._epochs.wirings, "versions": fingerprint()})))
         else:
             drop(query)
 

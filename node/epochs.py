@@ -66,6 +66,13 @@ class Epochs:
                 self._order = command
                 self._changed.notify_all()
 
+    @property
+    def wirings(self) -> list[int]:
+        """The numbers of the wirings whose links are open, in the order in which they were made. Any thread may ask."""
+        users = (self.past, self._driver.assignment)
+        all_links = [self.links, *(user.links for user in users if user is not None)]
+        return sorted({links.wiring.number for links in all_links if links is not None})
+
     def _linked(self, topology: Topology, wiring: Wiring, order: Prepare | None = None) -> Links:
         """Return links for a wiring: the present ones if they fit, else new ones, which may wait for neighbours.
 

@@ -140,9 +140,8 @@ class Dispatcher:
         job = JobEntry(spec, self._told)
         with self._lock:
             topology = placement.file.run.topology
-            wiring = self._node_hosts.taken_over(
-                placement.wiring, placement.nodes
-            )  # first: its links may be open still
+            # First: its links may be open still.
+            wiring = self._node_hosts.taken_over(placement.wiring, placement.nodes)
             self._scheduler.occupy(spec.number, placement.nodes, topology)
             self._note(topology, wiring)
             self.jobs[spec.number] = job
@@ -274,6 +273,11 @@ class Dispatcher:
 
     def _note(self, topology: str, wiring: Wiring) -> None:
         self._wirings |= dict.fromkeys(wiring.nodes, (topology, wiring))
+
+    def open_links(self, node: int, wirings: Sequence[int]) -> None:
+        """Note the wirings whose links a node has, which a coordinator before this one has made."""
+        with self._lock:
+            self._node_hosts.open_links(node, wirings)
 
     def end_silent(self, nodes: Sequence[int], seconds: float) -> None:
         """Do nothing: whoever runs this cluster ends it when its job has ended."""

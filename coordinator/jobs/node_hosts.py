@@ -72,6 +72,10 @@ class NodeHosts:
             if number not in before[-1:]:
                 self._begun[node] = (*before, number)[-_KEPT:]
 
+    def open_links(self, node: int, wirings: Iterable[int]) -> None:
+        """Note the wirings whose links a node has, the latest last, as the node tells it."""
+        self._begun[node] = tuple(wirings)
+
     def taken_over(self, number: int, nodes: tuple[int, ...]) -> Wiring:
         """Return the wiring with which an epoch has begun under the previous coordinator."""
         self.begun(number, nodes)

@@ -67,6 +67,8 @@ class Replacing:
                 answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
                 looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
                 job.versions = looks[0]["versions"] if looks else {}
+                for look in looks:
+                    job.dispatch.open_links(look["node"], look["wirings"])
                 there = {look["cell"] for look in looks}
                 if len(there) == epoch.cells or time.monotonic() >= until:
                     return there
