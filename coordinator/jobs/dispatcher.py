@@ -198,8 +198,7 @@ class Dispatcher:
         """Return the job that a node belongs to, and its cell there; None twice if it is free."""
         with self._lock:
             for number, job in self.jobs.items():
-                nodes = self._scheduler.nodes_of(number) or ()
-                if node in nodes:
+                if node in (nodes := self._scheduler.nodes_of(number) or ()):
                     return job, nodes.index(node)
         return None, None
 
@@ -284,8 +283,7 @@ class Dispatcher:
 
     def changed(self, job: JobEntry, status: str) -> None:
         """Pass on that the job has entered another state."""
-        number = job.spec.number
-        self.hooks.changed(number, status, self._scheduler.nodes_of(number) or ())
+        self.hooks.changed(job.spec.number, status, self._scheduler.nodes_of(job.spec.number) or ())
 
     def placed(self, job: JobEntry, placement: Placement) -> None:
         """Pass on that the job is about to begin an epoch, and note how its nodes are linked from now on."""
@@ -314,9 +312,8 @@ class Dispatcher:
 
     def _conduct(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placement | None = None) -> None:
         """Conduct a job on a thread of its own; one without nodes ends at once, as the message in its queue says."""
-        thread = threading.Thread(
-            target=self._run, args=(job, nodes, adopted), name=f"conductor {job.spec.number}", daemon=True
-        )
+        thread = threading.Thread(target=self._run, args=(job, nodes, adopted), daemon=True)
+        thread.name = f"conductor {job.spec.number}"
         with self._lock:
             self._threads[job.spec.number] = thread
             thread.start()
