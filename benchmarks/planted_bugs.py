@@ -50,8 +50,8 @@ BUGS = (
     Bug(
         "a cell claims to have all its messages since the beginning",
         "node.cell",
-        "now if oldest is None else oldest, states",
-        "0, states",
+        "oldest = now if oldest is None else oldest",
+        "oldest = 0",
     ),
     Bug(
         "a cell that goes on from a state expects its first messages again",

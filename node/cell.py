@@ -87,6 +87,7 @@ class Cell:
         self._tells_champion = plan.run.spy == "champion" or number == ROOT
         self._outbox = Outbox(plan.limits.most_bytes_without_state, plan.limits.most_bytes)
         self._backlog = Backlog()
+        self._halted = False  # where it was, as the epoch was given up
         self._took_over = False  # from a process that has died
         self._reached = 0  # the generation that process may have got to
         self._put_off: list[Reason] = []  # stops to propose, once this cell has got there too
@@ -213,6 +214,7 @@ class Cell:
                 self._begin(event, actions)
             elif isinstance(event, Halt):
                 if self.state == "running":
+                    self._halted = True
                     self._end("stopped", None, actions)
             elif isinstance(event, Propose):
                 self._put_off.append(event.reason)
@@ -257,7 +259,8 @@ class Cell:
     def _kept_states(self, once: bool) -> KeptStates:
         now, oldest = self.rows.generation, self._outbox.oldest
         states = self.inbox.states_told_once() if once else tuple(self.inbox.states)
-        return KeptStates(self.number, now, now if oldest is None else oldest, states, self._heard())
+        oldest = now if oldest is None else oldest
+        return KeptStates(self.number, now, oldest, states, self._heard(), self._halted)
 
     def _heard(self) -> tuple[tuple[int, int], ...]:
         """Return, for each neighbour, the generation up to which all its messages have come; nothing in async mode."""

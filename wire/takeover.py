@@ -42,6 +42,7 @@ class KeptStates:
         oldest: the generation of the oldest message that it can send again.
         states: for each state its cell, its generation, and the state as bytes.
         heard: in lockstep, for each neighbour its cell and the generation up to which all its messages have come.
+        halted: whether it was told to halt where it was; then no other cell can go on in this epoch.
     """
 
     cell: int
@@ -49,6 +50,7 @@ class KeptStates:
     oldest: int
     states: tuple[tuple[int, int, bytes], ...]
     heard: tuple[tuple[int, int], ...]
+    halted: bool
 
     @staticmethod
     def of(values: object) -> "KeptStates":
@@ -57,9 +59,9 @@ class KeptStates:
         Raises:
             Rejected: if they are no valid answer.
         """
-        cell, generation, oldest, states, heard = fields(values, 5)
+        cell, generation, oldest, states, heard, halted = fields(values, 6)
         found = [fields(each, 3) for each in of(list, states)]
         kept = tuple((count(whose), count(its), of(bytes, state)) for whose, its, state in found)
         pairs = [fields(each, 2) for each in of(list, heard)]
         come = tuple((count(whose), count(its)) for whose, its in pairs)
-        return KeptStates(count(cell), count(generation), count(oldest), kept, come)
+        return KeptStates(count(cell), count(generation), count(oldest), kept, come, of(bool, halted))
