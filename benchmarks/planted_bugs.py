@@ -218,6 +218,18 @@ BUGS = (
         "                    pass\n",
     ),
     Bug(
+        "a node that was thought dead keeps its deme as the job begins anew",
+        "node.epochs",
+        "self._has_lived_before(command) and not command.anew",
+        "self._has_lived_before(command)",
+    ),
+    Bug(
+        "cells that have been halted are no reason to give exact recovery up",
+        "coordinator.jobs.recovering",
+        "if any(each.halted for each in kept.values()):",
+        "if not kept:",
+    ),
+    Bug(
         "a cell that died as it moved, and whose state is kept, gets the deme that it did not report",
         "coordinator.jobs.replacing",
         "for cell, donor in (moved | donors).items() if cell not in states}",

@@ -108,7 +108,8 @@ class Epochs:
     def prepare(self, command: Prepare) -> Done | Refused:
         """Get ready for an epoch: a job's first one becomes the assignment, a later one waits as `coming`."""
         # A node that is given a deme or a state takes the place of one that died: it does not go on with its own deme.
-        goes_on = self._has_lived_before(command) and not command.deme and command.takeover is None
+        has_deme = self._has_lived_before(command) and not command.anew
+        goes_on = has_deme and not command.deme and command.takeover is None
         if not goes_on and self._driver.assignment is not None:
             self.forget(self._driver.assignment.job)
         self._driver.coming = None

@@ -68,6 +68,7 @@ class Prepare:
             sends counters.
         fresh: whether all cells draw new individuals instead of going on with a deme; then ``since`` is given.
         takeover: for a node that takes the place of one that has died, in an epoch that the others are in already.
+        anew: whether the job begins again, since all its demes are lost; a node that has one after all forgets it.
     """
 
     name: ClassVar[str] = "prepare"
@@ -81,6 +82,7 @@ class Prepare:
     cluster_nodes: int = 0
     fresh: bool = False
     takeover: Takeover | None = None
+    anew: bool = False
 
 
 @dataclass(frozen=True)
@@ -363,7 +365,7 @@ _text, _octets, _flag, _maybe_text = partial(of, str), partial(of, bytes), parti
 _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], ...]]] = {
     Prepare.name: (
         Prepare,
-        (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag, Takeover.of),
+        (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag, Takeover.of, _flag),
     ),
     Begin.name: (Begin, (count, count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),

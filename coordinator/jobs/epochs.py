@@ -63,6 +63,11 @@ class Epoch:
         return self.why.get("do") == "retry"
 
     @property
+    def begins_anew(self) -> bool:
+        """Whether the job begins again with this epoch, since all its demes are lost."""
+        return self.why.get("do") == "restart"
+
+    @property
     def state(self) -> State:
         """The job's state while it is in this epoch: "searching" if it is kept alive and has stalled before."""
         # An update begins with attempt 0 again, so it makes the job "running".
