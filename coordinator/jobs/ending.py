@@ -35,12 +35,16 @@ class Ending:
         job.pass_on_histories()
         past, lived = job.epochs.whole()
         epoch, reports = job.epoch, lived.reports
+        reasons = stop_reasons(reports, epoch.file.run.mode)
+        if not reasons and job.stop_request is not None:
+            # The process that proposed the stop has died, and its state did not tell of it; but all cells have obeyed.
+            reasons = (job.stop_request.reason,)
         command = Finish(
             job.number,
             epoch.number,
             past.or_better(lived),
             stopped_after(reports),
-            stop_reasons(reports, epoch.file.run.mode),
+            reasons,
             error,
             tuple(states_of(reports).items()),
             job.epochs.since - job.lived_before,
