@@ -230,6 +230,12 @@ BUGS = (
         "if not kept:",
     ),
     Bug(
+        "a stop that was proposed by a process that died is recorded nowhere",
+        "coordinator.jobs.ending",
+        "            reasons = (job.stop_request.reason,)\n",
+        "            pass\n",
+    ),
+    Bug(
         "a cell that died as it moved, and whose state is kept, gets the deme that it did not report",
         "coordinator.jobs.replacing",
         "for cell, donor in (moved | donors).items() if cell not in states}",
