@@ -236,6 +236,12 @@ BUGS = (
         "            pass\n",
     ),
     Bug(
+        "a node begins an epoch for which a dead coordinator has prepared it",
+        "node.epochs",
+        " and command.wiring in (None, links.wiring.number)",
+        "",
+    ),
+    Bug(
         "a cell that died as it moved, and whose state is kept, gets the deme that it did not report",
         "coordinator.jobs.replacing",
         "for cell, donor in (moved | donors).items() if cell not in states}",

@@ -163,14 +163,14 @@ class Epochs:
     def begin(self, command: Begin, query: zenoh.Query) -> None:
         """Begin an epoch. If asked again, as by a coordinator that takes over, report to the latest query only."""
         assignment, coming = self._driver.assignment, self._driver.coming
-        if coming is not None and (coming.job, coming.plan.epoch) == (command.job, command.epoch):
+        if coming is not None and _is_meant(command, coming.job, coming.plan.epoch, coming.links):
             coming.begun = query
             self._enter_next_epoch()
-        elif assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
+        elif assignment is not None and _is_meant(command, assignment.job, assignment.epoch, assignment.links):
             if assignment.cell.state == "prepared":
                 self._driver.start(assignment, Start())
             self.answer_with_report(assignment, query)
-        elif self.past is not None and (self.past.job, self.past.epoch) == (command.job, command.epoch):
+        elif self.past is not None and _is_meant(command, self.past.job, self.past.epoch, self.past.links):
             self.answer_with_report(self.past, query)  # the report may have been lost the first time
         else:
             drop(query)
@@ -229,3 +229,8 @@ class Epochs:
                 assignment.links.close()
         if self._driver.coming is not None and self._driver.coming.job == job:
             self._driver.coming = None
+
+
+def _is_meant(command: Begin, job: int, epoch: int, links: Links) -> bool:
+    """Return whether a node that was prepared for an epoch of a job, with these links, is to begin it."""
+    return (job, epoch) == (command.job, command.epoch) and command.wiring in (None, links.wiring.number)

@@ -90,11 +90,18 @@ class Begin:
     """Begin the epoch once the previous one has stopped; every node is prepared. The answer is the cell's report.
 
     It may be repeated, for example by a coordinator that takes over. Then only the latest query gets the report.
+
+    Attributes:
+        job: the job's number.
+        epoch: the epoch's number in the job.
+        wiring: the number of the epoch's wiring. A node that was prepared with another one, by a coordinator that died
+            before the epoch had begun, ignores the command. None: the epoch has begun, and the number is not known.
     """
 
     name: ClassVar[str] = "begin"
     job: int
     epoch: int
+    wiring: int | None = None
 
 
 @dataclass(frozen=True)
@@ -367,7 +374,7 @@ _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], .
         Prepare,
         (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag, Takeover.of, _flag),
     ),
-    Begin.name: (Begin, (count, count)),
+    Begin.name: (Begin, (count, count, _maybe_count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),
     Halt.name: (Halt, (count, count)),
     Look.name: (Look, (count,)),

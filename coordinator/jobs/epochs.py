@@ -34,6 +34,7 @@ class Epoch:
         dead: cells whose nodes died in this epoch.
         asked: the number of the latest question for reports of this epoch (see `Calls.ask_for_reports`).
         passed_on: whether its improvements have been passed on.
+        wiring_is_known: whether ``wiring`` is the epoch's own; not if a coordinator before this one had left it.
     """
 
     number: int
@@ -46,6 +47,7 @@ class Epoch:
     dead: set[int] = field(default_factory=set)
     asked: int = -1
     passed_on: bool = False
+    wiring_is_known: bool = True
 
     @cached_property
     def topology(self) -> Topology:
@@ -152,8 +154,9 @@ class Epochs:
         If `past` lacks the epoch before it, cells may still be at work there or hold their reports of it. That epoch is
         then known too, with the settings of the latest: the old ones are not stored, and only its reports are awaited.
         """
-        before = [Epoch(epoch.number - 1, epoch.file, epoch.wiring)] if self.past.epochs < epoch.number else []
-        self.known = [*before, epoch]
+        self.known = [epoch]
+        if self.past.epochs < epoch.number:
+            self.known.insert(0, Epoch(epoch.number - 1, epoch.file, epoch.wiring, wiring_is_known=False))
 
     def not_passed_on(self) -> Iterator[tuple[Past, Epoch]]:
         """Yield the epochs that have ended since the last call, each with the sum of those before it."""

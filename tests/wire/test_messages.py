@@ -183,7 +183,7 @@ JUDGED = Judged(
 READERS = {
     "command": (control.decode, control.encode(PREPARE)),
     "finish": (control.decode, control.encode(FINISH)),
-    "begin": (control.decode, control.encode(Begin(3, 1))),
+    "begin": (control.decode, control.encode(Begin(3, 1, 4))),
     "stop": (control.decode, control.encode(ProposeStop(3, 1, "cancel"))),
     "halt": (control.decode, control.encode(Halt(3, 1))),
     "look": (control.decode, control.encode(Look(3))),
