@@ -178,8 +178,8 @@ BUGS = (
     Bug(
         "a coordinator does not tell a job that a node is back which it had not seen before",
         "coordinator.service.launched",
-        "Roster(session, keys, self.replaced, self.returned, self.returned, self.heard)",
-        "Roster(session, keys, self.replaced, returned=self.returned, heard=self.heard)",
+        "self.replaced, arrived=back, returned=back,",
+        "self.replaced, returned=back,",
     ),
     Bug(
         "a job is not taken over while one of its hosts is out of reach",
@@ -227,13 +227,13 @@ BUGS = (
         "cells that have been halted are no reason to give exact recovery up",
         "coordinator.jobs.recovering",
         "if any(each.halted for each in kept.values()):",
-        "if not kept:",
+        "if False:",
     ),
     Bug(
         "a stop that was proposed by a process that died is recorded nowhere",
         "coordinator.jobs.ending",
-        "            reasons = (job.stop_request.reason,)\n",
-        "            pass\n",
+        "            reports[ROOT] = replace(root, proposals=(*root.proposals, lost))\n",
+        "            assert root and lost\n",
     ),
     Bug(
         "a node begins an epoch for which a dead coordinator has prepared it",

@@ -24,7 +24,9 @@ from wire.control import Begin, Command, Done, Drop, Halt, Prepare, Refused, Tel
 
 
 class Epochs:
-    """Prepares, begins and leaves the epochs of jobs on one node. Only the main thread uses it, except for `note`.
+    """Prepares, begins and leaves the epochs of jobs on one node.
+
+    Only the main thread uses it, except for `note` and `wirings`.
 
     Args:
         config: the node's place in the cluster.
@@ -59,8 +61,12 @@ class Epochs:
         The main thread may be waiting in `Links` for a neighbour that has died. It would not take the command from its
         queue before that wait ends, and this ends it.
         """
+        is_for_checkpoint = isinstance(command, TellStates) and command.once
         if (isinstance(command, Prepare) and self._config.node in command.wiring.nodes) or (
-            isinstance(command, Drop | Halt | TellStates) and self._order is not None and command.job == self._order.job
+            isinstance(command, Drop | Halt | TellStates)
+            and not is_for_checkpoint
+            and self._order is not None
+            and command.job == self._order.job
         ):
             with self._changed:
                 self._order = command

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import topologies
 from problems import Run
 from spy.past import Lived, Past, stopped_after
-from spy.verification import STATUS_OF, Judgement, Status
+from spy.verification import Judgement, Status
 from topologies import Topology
 from wire.news import Improvement
 from wire.report import Reason, Report, Staleness
@@ -197,7 +197,7 @@ def result_of(
         run=first.model_dump(),
         problem_sha256=file.sha256,
         versions=versions,
-        directives=[*whole.directives, *_deadly(epoch.reports), *_stops(epoch, judgement.status)],
+        directives=[*whole.directives, *_deadly(epoch.reports), *_stops(epoch.reports)],
         messages=asdict(whole.messages),
         staleness=_staleness(whole.staleness) if run.mode == "async" else None,
         history_sha256=whole.history if judgement.status != "failed" else None,
@@ -242,12 +242,7 @@ def _deadly(reports: Sequence[Report]) -> list[dict[str, Any]]:
     ]
 
 
-def _stops(epoch: Lived, status: Status) -> list[dict[str, Any]]:
+def _stops(reports: Sequence[Report]) -> list[dict[str, Any]]:
     """Return the directives of the stops from outside that were proposed in the last epoch."""
-    proposals = [each for report in epoch.reports for each in report.proposals]
-    stops = [(each.stop_at, each.reason) for each in proposals if each.reason in _FROM_OUTSIDE]
-    reason = next((each for each in _FROM_OUTSIDE if STATUS_OF[each] == status), None)
-    if not stops and reason is not None and epoch.reports and epoch.file.run.mode == "lockstep":
-        # It was proposed by a process that has died (see `coordinator.jobs.ending`).
-        stops = [(stopped_after(epoch.reports), reason)]
-    return [{"do": "stop", "generation": generation, "reason": reason} for generation, reason in stops]
+    proposals = [each for report in reports for each in report.proposals if each.reason in _FROM_OUTSIDE]
+    return [{"do": "stop", "generation": each.stop_at, "reason": each.reason} for each in proposals]

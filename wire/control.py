@@ -95,7 +95,8 @@ class Begin:
         job: the job's number.
         epoch: the epoch's number in the job.
         wiring: the number of the epoch's wiring. A node that was prepared with another one, by a coordinator that died
-            before the epoch had begun, ignores the command. None: the epoch has begun, and the number is not known.
+            before the epoch had begun, ignores the command. None: any, since the epoch has begun and the number is not
+            known; or for the spy.
     """
 
     name: ClassVar[str] = "begin"
@@ -125,7 +126,7 @@ class Halt:
 
 @dataclass(frozen=True)
 class Look:
-    """Ask which nodes are at a job. Each answers at once with its cell, its epoch, and its versions of libraries."""
+    """Ask which nodes are at a job. Each answers at once: see `Done`."""
 
     name: ClassVar[str] = "look"
     job: int
@@ -198,8 +199,8 @@ class Done:
     """The command was carried out.
 
     Attributes:
-        note: JSON: for `Prepare` to a node, the versions that its results depend on; for `Look`, these, the cell and
-            the epoch.
+        note: JSON: for `Prepare` to a node, the versions that its results depend on; for `Look`, these, the node, the
+            cell, the epoch, and the numbers of the wirings whose links are open.
     """
 
     note: str = "null"

@@ -42,7 +42,7 @@ class KeptStates:
         oldest: the generation of the oldest message that it can send again.
         states: for each state its cell, its generation, and the state as bytes.
         heard: in lockstep, for each neighbour its cell and the generation up to which all its messages have come.
-        halted: whether it was told to halt where it was; then no other cell can go on in this epoch.
+        halted: whether it was told to halt where it was; then a cell that has died cannot go on in this epoch.
     """
 
     cell: int

@@ -12,7 +12,9 @@ from coordinator.jobs.job import StopRequest
 from spy.past import stopped_after
 from spy.result import states_of, stop_reasons
 from spy.verification import STATUS_OF, Judgement
+from topologies import ROOT
 from wire.control import Drop, Finish, Judged
+from wire.report import Proposal
 
 
 class Ending:
@@ -32,19 +34,16 @@ class Ending:
             ReplacedError: if the spy died; the caller prepares the new one and tries again.
         """
         job = self._job
+        self._restore_a_lost_stop()
         job.pass_on_histories()
         past, lived = job.epochs.whole()
         epoch, reports = job.epoch, lived.reports
-        reasons = stop_reasons(reports, epoch.file.run.mode)
-        if not reasons and job.stop_request is not None:
-            # The process that proposed the stop has died, and its state did not tell of it; but all cells have obeyed.
-            reasons = (job.stop_request.reason,)
         command = Finish(
             job.number,
             epoch.number,
             past.or_better(lived),
             stopped_after(reports),
-            reasons,
+            stop_reasons(reports, epoch.file.run.mode),
             error,
             tuple(states_of(reports).items()),
             job.epochs.since - job.lived_before,
@@ -57,6 +56,20 @@ class Ending:
             job.improve(judgement.best)  # the spy has published it, but that message may still be on its way
         job.entry.log.end(judgement, command.generation)
         return judgement
+
+    def _restore_a_lost_stop(self) -> None:
+        """Note the proposal of a stop from outside that all cells have obeyed, but none reports.
+
+        The root had proposed it and died. The process that took its place learned of the stop from its neighbours.
+        """
+        job = self._job
+        request, reports = job.stop_request, job.epoch.reports
+        if request is None or job.epoch.file.run.mode != "lockstep" or ROOT not in reports:
+            return
+        if not stop_reasons(list(reports.values()), "lockstep"):
+            stop, root = stopped_after(list(reports.values())), reports[ROOT]
+            lost = Proposal(stop, request.reason, ROOT, stop)
+            reports[ROOT] = replace(root, proposals=(*root.proposals, lost))
 
     def with_the_oracle(self, judgement: Judgement) -> Judgement:
         """Return the judgement, completed by the oracle's answer if the run has stalled for good or is infeasible.

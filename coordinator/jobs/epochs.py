@@ -65,9 +65,14 @@ class Epoch:
         return self.why.get("do") == "retry"
 
     @property
-    def begins_anew(self) -> bool:
+    def is_restart(self) -> bool:
         """Whether the job begins again with this epoch, since all its demes are lost."""
         return self.why.get("do") == "restart"
+
+    @property
+    def has_random_demes(self) -> bool:
+        """Whether this epoch begins with new individuals."""
+        return self.number == 0 or self.is_fresh or self.is_restart
 
     @property
     def state(self) -> State:

@@ -9,7 +9,7 @@ from wire.control import Wiring
 from wire.hosts import Host
 
 PORTS = 4  # that a node uses in turn: the links of old wirings are still open when those of a new one are made
-_KEPT = 2  # of the wirings that epochs have begun with: the links of the present epoch and of the one before are open
+_KEPT = 3  # wirings whose links may be open: those of the present epoch, of the one before, and of one not begun
 
 
 @dataclass

@@ -101,7 +101,7 @@ class Preparing:
 
     def _preparation(self, epoch: Epoch, since: int | None = None, deme: bytes = b"") -> Prepare:
         place = self._job.number, epoch.number, epoch.file.to_json(), epoch.wiring
-        cluster_nodes, fresh, anew = self._job.dispatch.cluster_nodes, epoch.is_fresh, epoch.begins_anew
+        cluster_nodes, fresh, anew = self._job.dispatch.cluster_nodes, epoch.is_fresh, epoch.is_restart
         return Prepare(*place, since, deme, cluster_nodes=cluster_nodes, fresh=fresh, anew=anew)
 
     def _preparation_of_the_spy(self, epoch: Epoch) -> Prepare:

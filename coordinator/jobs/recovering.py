@@ -49,9 +49,10 @@ class Recovering:
         if job.dispatch.hosts_of(job.nodes) != epoch.wiring.hosts:
             return False
         kept = self.kept_states()
-        if any(each.halted for each in kept.values()):  # by an attempt to go on without the dead, which came to nothing
+        if any(each.halted for each in kept.values()):
+            self._tell_why_not(set(epoch.dead), "others were halted, by an attempt that came to nothing")
             return False
-        chosen = choose_states(epoch.topology, kept, began_anew=epoch.number == 0 or epoch.is_fresh)
+        chosen = choose_states(epoch.topology, kept, began_anew=epoch.has_random_demes)
         if not kept or not epoch.dead <= chosen.keys():
             self._tell_why_not(epoch.dead - chosen.keys() or epoch.dead, "no state to go on from is kept")
             return False

@@ -65,6 +65,8 @@ class LaunchedDispatcher(ServiceDispatcher):
             session, keys, seal, hooks, topology=topology, wired=wired, max_queue=max_queue, eval_timeout=eval_timeout
         )
         # A node that this coordinator sees for the first time may have been cut off while the one before was replaced.
-        self._roster = Roster(session, keys, self.replaced, self.returned, self.returned, self.heard)
+        self._roster = Roster(
+            session, keys, self.replaced, arrived=self.returned, returned=self.returned, heard=self.heard
+        )
         if not wired:
             self._log("warning", "the coordinator has died: another one goes on in its place")

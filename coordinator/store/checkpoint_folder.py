@@ -32,15 +32,15 @@ class CheckpointFolder:
         Raises:
             OSError: if it cannot be written, as on a full disk; then nothing of it is left. It names the folder.
         """
-        self.path.mkdir(parents=True, exist_ok=True)
-        files = self._files()
-        number = 1 + max((int(file.stem) for file in files), default=0)
         try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            files = self._files()
+            number = 1 + max((int(file.stem) for file in files), default=0)
             _write_whole(self.path / f"{number:0{_DIGITS}}{_SUFFIX}", checkpoint.encode())
+            for file in files[: len(files) + 1 - KEPT]:
+                file.unlink(missing_ok=True)
         except OSError as error:
-            raise OSError(f"{self.path}: {error.strerror}") from None
-        for file in files[: len(files) + 1 - KEPT]:
-            file.unlink(missing_ok=True)
+            raise OSError(f"{self.path}: {error.strerror}") from error
 
     def latest(self) -> tuple[Checkpoint, list[str]]:
         """Return the latest checkpoint that is whole, and what is wrong with later ones, a sentence for each.

@@ -145,7 +145,7 @@ IMPROVEMENTS = st.builds(
 )
 
 PREPARE = Prepare(
-    3, 1, '["x.toml"]', Wiring(4, (2, 0, 1), ("a", "b", ""), ("", "tcp/b:1", "")), 12, b"\x12\x34", b"", 16
+    3, 1, '["x.toml"]', Wiring(4, (2, 0, 1), ("a", "b", ""), ("", "tcp/b:1", "")), 12, b"\x12\x34", b"", 16, anew=True
 )
 FINISH = Finish(3, 1, Champion(0.5, 7, 2, b"\x12"), 20, ("target", "stall"), None, ((2, b"\x01"),), 12)
 REPORT = Report(

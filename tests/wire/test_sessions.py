@@ -11,9 +11,8 @@ import pytest
 from wire import sessions
 
 LONG_BYTES = 800_000  # of one answer: what three states of each of four neighbours and the messages since take
-ANSWERED_WITHIN = (
-    30.0  # s; with one queue for all answers it takes a minute, since each full queue is given up after 5 s
-)
+# With one queue for all answers it takes a minute, since each full queue is given up after 5 s.
+ANSWERED_WITHIN = 30.0  # s
 QUESTIONS = 30
 
 ANSWERING = """
