@@ -178,8 +178,8 @@ BUGS = (
     Bug(
         "a coordinator does not tell a job that a node is back which it had not seen before",
         "coordinator.service.launched",
-        "self.replaced, arrived=back, returned=back,",
-        "self.replaced, returned=back,",
+        "arrived=self.returned, returned=self.returned,",
+        "returned=self.returned,",
     ),
     Bug(
         "a job is not taken over while one of its hosts is out of reach",
