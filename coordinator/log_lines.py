@@ -26,8 +26,9 @@ class LogLines:
         file = sys.stderr if file is None else file
         people = file.isatty() if as_json is None else not as_json
         renderer: Any = structlog.dev.ConsoleRenderer(colors=file.isatty()) if people else _json()
+        # Not `PrintLogger`, which writes the end of a line by itself: another process's line may come between.
         self._logger = structlog.wrap_logger(
-            structlog.PrintLogger(file), processors=[structlog.processors.add_log_level, renderer], cluster=cluster
+            structlog.WriteLogger(file), processors=[structlog.processors.add_log_level, renderer], cluster=cluster
         )
 
     def write(self, record: LogRecord, job: str | None = None) -> None:

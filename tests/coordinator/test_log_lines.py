@@ -89,3 +89,17 @@ def test_a_router_that_cannot_listen_any_more_is_a_line_of_the_log_too(tmp_path)
     told = json.loads(line)
     assert told["event"] == f"router: cannot listen at {endpoint}: Address already in use"
     assert (told["cluster"], told["process"], told["level"]) == ("c1", "zygote", "warning")
+
+
+def test_each_line_is_written_at_once():
+    """Several processes write to one file; it may be unbuffered."""
+    written = []
+
+    class File(io.StringIO):
+        def write(self, text):
+            written.append(text)
+            return len(text)
+
+    LogLines("c", as_json=True, file=File()).write(LogRecord("warning", "coordinator", "careful", 0.0))
+    (line,) = written
+    assert line.endswith("}\n")
