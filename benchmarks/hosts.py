@@ -90,17 +90,17 @@ class Hosts:
 
     def cpu_seconds(self) -> float:
         """Return the CPU time that the agents' processes have used so far."""
-        processes = {str(each): each for agent in self._agents for each in _below(agent.pid)}
+        processes = {str(each): each for agent in self._agents for each in processes_below(agent.pid)}
         return sum(cpu_seconds_of(processes).values())
 
 
-def _below(process: int) -> list[int]:
+def processes_below(process: int) -> list[int]:
     """Return a process and all below it."""
     try:
         children = Path(f"/proc/{process}/task/{process}/children").read_text(encoding="ascii").split()
     except OSError:
         return []
-    return [process, *(each for child in children for each in _below(int(child)))]
+    return [process, *(each for child in children for each in processes_below(int(child)))]
 
 
 def measured(

@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 
 import supernode
+from benchmarks.hosts import processes_below
 from coordinator.errors import ClusterFailed
 from supernode.chaos.repeating import repeated
 from supernode.client.client import Client, ClientJob
@@ -68,20 +69,11 @@ class Hosts:
 
     def lose(self, host: int) -> None:
         """Kill all processes of a host at once, and start its agent again."""
-        for process in _below(self._agents[host].pid):
+        for process in processes_below(self._agents[host].pid):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
         self._agents[host].wait()
         self._agents[host] = self._agent(host)
-
-
-def _below(process: int) -> list[int]:
-    """Return a process and all below it."""
-    try:
-        children = Path(f"/proc/{process}/task/{process}/children").read_text(encoding="ascii").split()
-    except OSError:
-        return []
-    return [process, *(each for child in children for each in _below(int(child)))]
 
 
 def _marks(client: Client, job: ClientJob) -> dict[int, tuple[int, int]]:
