@@ -1,6 +1,5 @@
 """Continue a job whose processes have died, that a dead coordinator has left running, or whose nodes leave."""
 
-import contextlib
 import json
 import math
 import time
@@ -21,6 +20,7 @@ from topologies import Topology, Torus
 from wire.control import Done, Drop, Halt, Look, Wiring
 
 _FOUND_WITHIN = 1.0  # seconds; a running node finds a restarted router in a fifth of that
+_ANY_FOUND_WITHIN = 5.0  # seconds; a router that stands still for a moment lets no question through
 _HALTED_WITHIN = 150.0  # seconds; a host may be out of reach for almost as long
 _EXACT_WITHIN = 15.0  # seconds for which exact recovery is begun again while more and more processes die
 
@@ -59,20 +59,28 @@ class Replacing:
                 job.stop_everywhere(epoch.number - 1, "update")
 
     def _present_cells(self, epoch: Epoch) -> set[int]:
-        """Return the cells whose nodes hold this job; allow a second for nodes that still look for the router."""
+        """Return the cells whose nodes hold this job; allow a second for nodes that still look for the router.
+
+        A node that has answered once is there until it is told to have died: a question without answers may just not
+        have come through the router.
+        """
         job = self._job
-        until = time.monotonic() + _FOUND_WITHIN
+        began = time.monotonic()
+        cells: dict[int, int] = {}  # by node
         while True:
-            with contextlib.suppress(ReplacedError):
+            try:
                 answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
-                looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
-                job.versions = looks[0]["versions"] if looks else {}
-                for look in looks:
+                for look in (json.loads(answer.note) for answer in answers if isinstance(answer, Done)):
+                    job.versions = look["versions"]
                     job.dispatch.open_links(look["node"], look["wirings"])
-                there = {look["cell"] for look in looks}
-                if len(there) == epoch.cells or time.monotonic() >= until:
-                    return there
+                    cells[look["node"]] = look["cell"]
+                within = _FOUND_WITHIN if cells else _ANY_FOUND_WITHIN
+                if len(cells) == epoch.cells or time.monotonic() >= began + within:
+                    return set(cells.values())
                 job.calls.wait(ASK_AGAIN)
+            except ReplacedError as died:
+                if died.node is not None:
+                    cells.pop(died.node, None)
 
     def replace(self, node: int | None) -> None:
         """Bring a new process (on ``node``; None: the spy) into the job, and others that come meanwhile."""
