@@ -21,6 +21,7 @@ import msgpack
 import zenoh
 
 VERSION = 1  # of the protocol
+RIGHTS = {"status": "watch", "show": "watch", "submit": "submit"}
 ENDED = {"solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"}
 ARM = Path(__file__).parent / "arm-ik.toml"
 
@@ -43,7 +44,7 @@ def open_session(endpoint: str) -> zenoh.Session:
 def ask(session: zenoh.Session, name: str, **arguments: Any) -> Any:
     """Send a request and return the value of the answer; exit with an error line if it is refused or unanswered."""
     request = msgpack.packb([VERSION, name, arguments])
-    for reply in session.get("supernode/*/jobs", payload=request, timeout=10.0):
+    for reply in session.get(f"supernode/*/jobs/anyone/{RIGHTS[name]}", payload=request, timeout=10.0):
         if reply.ok is None:
             break
         word, *answer = msgpack.unpackb(reply.ok.payload.to_bytes())

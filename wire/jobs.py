@@ -17,6 +17,9 @@ from wire.strict import MOST_ELEMENTS, Rejected, count, fields, of, pack, unpack
 VERSION = 1  # of this protocol
 MOST_FILE_BYTES = 8 << 20  # of a problem file, in UTF-8
 MOST_LISTED = 10_000  # jobs in one answer
+WATCH, SUBMIT, CHANGE, DOWN = RIGHTS = ("watch", "submit", "change", "down")
+"""What a client may be allowed to do: look at jobs, submit some, change or cancel any, and end the cluster."""
+
 MOST_PRIORITY = 1_000_000  # in either direction
 
 _MOST_REQUEST_BYTES = MOST_FILE_BYTES + 4096
@@ -42,6 +45,7 @@ class Submit:
     """
 
     name: ClassVar[str] = "submit"
+    right: ClassVar[str] = SUBMIT
     file: str
     id: str | None = None
     priority: int = 0
@@ -52,6 +56,7 @@ class ListJobs:
     """List the newest ``limit`` jobs, the newest last; None: `MOST_LISTED`."""
 
     name: ClassVar[str] = "list"
+    right: ClassVar[str] = WATCH
     limit: int | None = None
 
 
@@ -60,6 +65,7 @@ class Show:
     """Describe one job; ``brief`` leaves out the parts that may be large, such as the problem file."""
 
     name: ClassVar[str] = "show"
+    right: ClassVar[str] = WATCH
     job: str
     brief: bool = False
 
@@ -75,6 +81,7 @@ class Records:
     """
 
     name: ClassVar[str] = "records"
+    right: ClassVar[str] = WATCH
     kind: str
     job: str
     after: int = 0
@@ -85,6 +92,7 @@ class Logs:
     """Return a page of the processes' log records, as `Records` does; of one ``job`` or ``node`` only, if given."""
 
     name: ClassVar[str] = "logs"
+    right: ClassVar[str] = WATCH
     job: str | None = None
     node: int | None = None
     after: int = 0
@@ -95,6 +103,7 @@ class Cancel:
     """End a job; its result is the best answer so far."""
 
     name: ClassVar[str] = "cancel"
+    right: ClassVar[str] = CHANGE
     job: str
 
 
@@ -103,6 +112,7 @@ class Update:
     """Change a job's problem: each top-level key of ``patch``, a JSON object, replaces that of the problem."""
 
     name: ClassVar[str] = "update"
+    right: ClassVar[str] = CHANGE
     job: str
     patch: str
 
@@ -112,6 +122,7 @@ class Rewire:
     """Give a job another topology while it runs."""
 
     name: ClassVar[str] = "rewire"
+    right: ClassVar[str] = CHANGE
     job: str
     topology: str
 
@@ -121,6 +132,7 @@ class Status:
     """Return the state of the cluster."""
 
     name: ClassVar[str] = "status"
+    right: ClassVar[str] = WATCH
 
 
 @dataclass(frozen=True)
@@ -128,6 +140,7 @@ class Down:
     """End the whole cluster."""
 
     name: ClassVar[str] = "down"
+    right: ClassVar[str] = DOWN
 
 
 Request = Submit | ListJobs | Show | Records | Logs | Cancel | Update | Rewire | Status | Down

@@ -6,6 +6,8 @@ Keys name nodes and other processes, never jobs: keys that are new with each job
 from dataclasses import dataclass
 
 PREFIX = "supernode"
+ANYONE = "anyone"
+"""The name of clients that show no certificate."""
 
 
 @dataclass(frozen=True)
@@ -139,10 +141,24 @@ class Keys:
         """The key of the liveliness token of a coordinator that takes requests."""
         return f"{self._base}/coordinator"
 
+    def requests(self, client: str, right: str) -> str:
+        """Return the key at which the coordinator takes a client's requests that need a right.
+
+        The router lets a client with a certificate use the keys of its own name and rights only (`wire.access`). So the
+        key proves who asks, and that it may.
+        """
+        return f"{self._base}/jobs/{client}/{right}"
+
     @property
-    def jobs(self) -> str:
-        """The key at which the coordinator takes clients' requests."""
-        return f"{self._base}/jobs"
+    def any_request(self) -> str:
+        """Matches the keys at which the coordinator takes requests."""
+        return f"{self._base}/jobs/*/*"
+
+    @staticmethod
+    def asker_of(key: str) -> tuple[str, str]:
+        """Return the client's name and the right that a key of `requests` names."""
+        *_, client, right = key.split("/")
+        return client, right
 
     @property
     def state(self) -> str:

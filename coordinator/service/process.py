@@ -140,7 +140,7 @@ class Service:
         self._request_handler.restore()
         self._dispatcher.restored()
         # The token last: a client that sees it may ask at once.
-        queryable = self._session.declare_queryable(self._keys.jobs, direct(self._mail.put))
+        queryable = self._session.declare_queryable(self._keys.any_request, direct(self._mail.put))
         token = self._session.liveliness().declare_token(self._keys.coordinator)
         worker = threading.Thread(target=self._work, name="requests", daemon=True)
         worker.start()
@@ -174,7 +174,10 @@ class Service:
         try:
             request = jobs.decode(b"" if query.payload is None else query.payload.to_bytes())
         except Rejected as error:
-            return _reply(query, self._keys.jobs, Refused(error.reason))
+            return self._reply(query, Refused(error.reason))
+        _, right = Keys.asker_of(str(query.key_expr))
+        if request.right != right:  # else a client with another right could send it
+            return self._reply(query, Refused(f"{request.name} is asked for at .../{request.right}, not .../{right}"))
         if isinstance(request, Submit | Update | Rewire):
             self._put_off(query, request)
         else:
@@ -187,7 +190,7 @@ class Service:
         full = self._waiting.enter(_queues(request), size)
         if full is not None:
             refused = f"too many {full.name} wait (at most {full.requests}, {full.bytes >> 20} MiB in total); try later"
-            return _reply(query, self._keys.jobs, Refused(refused, "failure"))
+            return self._reply(query, Refused(refused, "failure"))
         answer = partial(self._answer_later, query, request, size)
         if isinstance(request, Submit):
             self._submits.submit(answer)
@@ -204,13 +207,19 @@ class Service:
             self._waiting.leave(_queues(request), size)
 
     def _fail(self, query: zenoh.Query, error: Exception) -> None:
-        _reply(query, self._keys.jobs, Refused(f"{type(error).__name__}: {error}", "failure"))
+        self._reply(query, Refused(f"{type(error).__name__}: {error}", "failure"))
 
     def _answer(self, query: zenoh.Query, request: Request) -> None:
         answer = self._request_handler.answer(request)
-        _reply(query, self._keys.jobs, answer)
+        self._reply(query, answer)
         if isinstance(request, Down) and isinstance(answer, Done):  # only now, so that the client gets its answer
             self.stop()
+
+    def _reply(self, query: zenoh.Query, answer: Answer) -> None:
+        """Answer under this cluster's key: that of the query may stand for any cluster."""
+        key = self._keys.requests(*Keys.asker_of(str(query.key_expr)))
+        with contextlib.suppress(zenoh.ZError), query:  # an error means that the client is gone
+            query.reply(key, jobs.encode_answer(answer))
 
     def _publish(self, state: JobState) -> None:
         with contextlib.suppress(zenoh.ZError):  # clients can still ask for the state
@@ -240,8 +249,3 @@ def _store_at(url: str, lines: LogLines) -> Store:
                 lines.write(LogRecord("warning", "coordinator", f"{error}; waiting for it", time.time()))
         waiting = True
         time.sleep(_TRY_AGAIN)
-
-
-def _reply(query: zenoh.Query, key: str, answer: Answer) -> None:
-    with contextlib.suppress(zenoh.ZError), query:  # an error means that the client is gone
-        query.reply(key, jobs.encode_answer(answer))

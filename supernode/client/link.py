@@ -22,7 +22,7 @@ from supernode.client.cluster_info import Place
 from wire import sessions
 from wire.callbacks import direct
 from wire.jobs import Refused, Request, Status, decode_answer, encode
-from wire.keys import Keys
+from wire.keys import ANYONE, Keys
 from wire.strict import Rejected
 
 CONNECT_WITHIN = 1.8  # seconds to find a cluster; with the imports before it, `connect` fails within two seconds
@@ -75,10 +75,9 @@ class Link:
             BadInput: if the cluster refuses the request and blames the input.
             ClusterFailed: if the request fails in the cluster, or nothing has answered for ``patience`` seconds.
         """
-        payload = encode(request)
         until = time.monotonic() + patience
         while True:
-            answers = await self._gather(payload, max(_AGAIN, until - time.monotonic()))
+            answers = await self._gather(request, max(_AGAIN, until - time.monotonic()))
             if answers:
                 return _value(answers[0])
             self.place.info()  # raises at once if the state folder says that the cluster is down
@@ -119,7 +118,7 @@ class Link:
             ClusterFailed: if none is there in time, or several are and none of them is the one that is meant.
         """
         while True:
-            answers = await self._gather(encode(Status()), PATIENCE)  # returns at once if no coordinator is there
+            answers = await self._gather(Status(), PATIENCE)  # returns at once if no coordinator is there
             names = sorted({str(_value(answer)["cluster"]) for answer in answers})
             if len(names) == 1:
                 return names[0]
@@ -131,7 +130,7 @@ class Link:
                 raise ClusterFailed(f"no cluster answers at {self.place}")
             await asyncio.sleep(_AGAIN)
 
-    async def _gather(self, payload: bytes, seconds: float) -> list[bytes]:
+    async def _gather(self, request: Request, seconds: float) -> list[bytes]:
         """Send one query and return all answers to it, none if nothing answers within ``seconds``.
 
         Raises:
@@ -139,6 +138,7 @@ class Link:
         """
         answers: list[bytes] = []
         over = self._loop.create_future()
+        key = self.keys.requests(ANYONE, request.right)
 
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is not None:  # else an error of Zenoh's own, such as a timeout
@@ -148,7 +148,7 @@ class Link:
             self._call(_settle, over)
 
         try:
-            self._session.get(self.keys.jobs, direct(hear, end), payload=payload, timeout=seconds)
+            self._session.get(key, direct(hear, end), payload=encode(request), timeout=seconds)
         except zenoh.ZError as error:
             raise ClusterFailed(f"the link to {self.place} is broken: {error}") from None
         await over

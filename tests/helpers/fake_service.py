@@ -43,7 +43,7 @@ class FakeService:
     def start(self):
         """The coordinator comes up (again), with the jobs that there are."""
         self.session = sessions.client(self.endpoint)
-        self.queryable = self.session.declare_queryable(self.keys.jobs, direct(self.answer))
+        self.queryable = self.session.declare_queryable(self.keys.any_request, direct(self.answer))
 
     def stop(self):
         self.session.close()
@@ -92,7 +92,7 @@ class FakeService:
             answer = jobs.Done(self.value(request))
         except (Rejected, LookupError, ValueError) as error:
             answer = jobs.Refused(str(error.args[0]))
-        query.reply(self.keys.jobs, jobs.encode_answer(answer))
+        query.reply(self.keys.requests(*Keys.asker_of(str(query.key_expr))), jobs.encode_answer(answer))
 
     def value(self, request):
         if isinstance(request, jobs.Status):

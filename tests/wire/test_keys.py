@@ -81,5 +81,7 @@ def test_the_keys_of_the_protocol():
     assert keys.spy_life(4711) == "supernode/c1/spy/life/4711"
     assert keys.best == "supernode/c1/best"
     assert keys.log == "supernode/c1/log"
-    assert keys.jobs == "supernode/c1/jobs"
+    assert keys.requests("anna", "watch") == "supernode/c1/jobs/anna/watch"
+    assert Keys.asker_of("supernode/*/jobs/anna/watch") == ("anna", "watch")
+    assert keys.any_request == "supernode/c1/jobs/*/*"
     assert keys.state == "supernode/c1/state"

@@ -10,7 +10,7 @@ from supernode.chaos.simulated.samples import Callback, Sample
 from supernode.chaos.simulated.world import Process, World
 from supernode.chaos.simulated.zenoh_module import Zenoh
 from wire.jobs import Cancel, Done, Request, Show, Submit, decode_answer, encode
-from wire.keys import Keys
+from wire.keys import ANYONE, Keys
 from wire.news import Improvement
 
 _ANSWER_WITHIN = 5.0  # seconds, then a request is sent again
@@ -120,8 +120,9 @@ class SimulatedClient:
 
     def _ask(self, session: Any, request: Request) -> Any:
         """Send a request until it is answered; return the answer."""
+        key = self._keys.requests(ANYONE, request.right)
         while True:
-            for reply in session.get(self._keys.jobs, payload=encode(request), timeout=_ANSWER_WITHIN):
+            for reply in session.get(key, payload=encode(request), timeout=_ANSWER_WITHIN):
                 if reply.ok is not None:
                     answer = decode_answer(reply.ok.payload.to_bytes())
                     if isinstance(answer, Done) or answer.blame == "input":  # else it may work later

@@ -21,7 +21,7 @@ from coordinator.store.database import sqlite_url
 from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.jobs import Cancel, Done, Down, JobState, ListJobs, Refused, Show, Status, Submit
-from wire.keys import Keys
+from wire.keys import ANYONE, Keys
 
 ROOT = Path(__file__).resolve().parents[3]
 FILE = supernode.load(ROOT / "examples" / "arm-ik.toml")
@@ -68,18 +68,18 @@ class Cluster:
         self.processes[name].kill()
         self.processes[name].wait()
 
-    def raw(self, payload):
+    def raw(self, payload, right=jobs.WATCH):
         """The answer to a request as it travels; asked again until there is one."""
         until = time.monotonic() + PATIENCE
         while time.monotonic() < until:
-            for reply in self.session.get(KEYS.jobs, payload=payload, timeout=5.0):
+            for reply in self.session.get(KEYS.requests(ANYONE, right), payload=payload, timeout=5.0):
                 if reply.ok is not None:
                     return jobs.decode_answer(reply.ok.payload.to_bytes())
             time.sleep(0.02)
         raise TimeoutError("no coordinator answers")
 
     def ask(self, request):
-        answer = self.raw(jobs.encode(request))
+        answer = self.raw(jobs.encode(request), request.right)
         assert isinstance(answer, Done), answer
         return answer.value
 
@@ -118,7 +118,7 @@ def test_the_wire(cluster):
     assert cluster.until_ended(["a"]) == {"a": "solved"}
     assert cluster.ask(Show("a"))["result"]["job"] == "a"
     assert [state.status for state in cluster.heard] == ["submitted", "queued", "preparing", "running", "solved"]
-    assert cluster.raw(jobs.encode(Cancel("b"))) == Refused("there is no job 'b'")
+    assert cluster.raw(jobs.encode(Cancel("b")), jobs.CHANGE) == Refused("there is no job 'b'")
     assert cluster.raw(msgpack.packb([2, "status", {}])) == Refused(
         "expected a request of protocol version 1, which this cluster speaks, found 2"
     )
@@ -128,9 +128,15 @@ def test_the_wire(cluster):
     assert isinstance(cluster.raw(b""), Refused)
 
 
+@pytest.mark.parametrize("request_", [Submit("{}"), Cancel("a"), Down(), jobs.Rewire("a", "ring 4")])
+def test_a_request_under_another_right_is_refused(cluster, request_):
+    said = f"{request_.name} is asked for at .../{request_.right}, not .../watch"
+    assert cluster.raw(jobs.encode(request_), jobs.WATCH) == Refused(said)
+
+
 def test_a_client_that_writes_its_messages_by_hand(cluster):
     payload = msgpack.packb([1, "submit", {"file": file(), "id": "by-hand"}])
-    assert cluster.raw(payload) == Done({"job": "by-hand", "status": "queued"})
+    assert cluster.raw(payload, jobs.SUBMIT) == Done({"job": "by-hand", "status": "queued"})
 
 
 def test_a_large_problem_holds_nobody_else(cluster):
@@ -140,7 +146,7 @@ def test_a_large_problem_holds_nobody_else(cluster):
     answered = queue.SimpleQueue()
     for name, request in [("submit", Submit(large.to_json(), "a")), ("status", Status())]:  # they come in this order
         note = direct(lambda _, name=name: answered.put(name))
-        cluster.session.get(KEYS.jobs, note, payload=jobs.encode(request), timeout=PATIENCE)
+        cluster.session.get(KEYS.requests(ANYONE, request.right), note, payload=jobs.encode(request), timeout=PATIENCE)
     assert [answered.get(timeout=PATIENCE) for _ in range(2)] == ["status", "submit"]
     assert cluster.until_ended(["a"]) == {"a": "solved"}
 

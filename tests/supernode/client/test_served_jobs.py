@@ -25,7 +25,7 @@ from supernode.__main__ import main
 from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.jobs import JobState, Refused
-from wire.keys import Keys
+from wire.keys import ANYONE, Keys
 from wire.news import Improvement, Statistics
 
 LATE = 0.05  # seconds, at most
@@ -251,7 +251,8 @@ def test_a_client_of_another_version(service):
     info = service.info()
     session = sessions.client(info.endpoint)
     payload = msgpack.packb([jobs.VERSION + 1, "status", {}])
-    (reply,) = [reply.ok.payload.to_bytes() for reply in session.get(Keys(info.cluster).jobs, payload=payload)]
+    key = Keys(info.cluster).requests(ANYONE, jobs.WATCH)
+    (reply,) = [reply.ok.payload.to_bytes() for reply in session.get(key, payload=payload)]
     session.close()
     said = f"expected a request of protocol version {jobs.VERSION}, which this cluster speaks, found {jobs.VERSION + 1}"
     assert jobs.decode_answer(reply) == Refused(said)
