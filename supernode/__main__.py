@@ -35,6 +35,7 @@ _COMMANDS = {
     "cancel": "end a job",
     "report": "write a page about a job, with figures and all that is needed to repeat it",
     "node": "join more nodes to a cluster, from here or from another machine",
+    "keys": "make the keys by which a cluster knows its members, on every link",
     "deploy": "write the file with which Slurm or Kubernetes starts a cluster on many machines",
     "router": "run the router of a cluster whose processes are started separately",
     "coordinator": "run its coordinator",

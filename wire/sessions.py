@@ -16,6 +16,8 @@ from typing import Any
 
 import zenoh
 
+from wire.members import Identity
+
 # In the syntax of ZENOH_RUNTIME; a runtime with a "handover" has no threads and runs its tasks on the other's.
 NODE_RUNTIME = "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
 ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),app:(handover:net))"
@@ -37,6 +39,7 @@ _ALWAYS: dict[str, Any] = {
     "scouting/gossip/enabled": False,
     "scouting/delay": 0,  # ms; by default a router waits half a second for replies to scouting, which is off here
     "transport/shared_memory/enabled": False,
+    "adminspace/enabled": False,  # any client could read there what is connected and how it is configured
     "transport/link/tx/lease": _SLOW_MS,
     "transport/link/tx/keep_alive": 2,
     "transport/link/rx/max_message_size": _MOST_MESSAGE_BYTES,
@@ -74,17 +77,25 @@ def unix_socket(folder: Path, name: str) -> str:
     return f"unixsock-stream/{folder}/{name}.sock"
 
 
-def router(listen: Iterable[str]) -> zenoh.Session:
-    """Open the session that makes this process a router."""
-    return _open("router", list(listen), [])
+def router(
+    listen: Iterable[str], identity: Identity | None = None, access: Mapping[str, Any] | None = None
+) -> zenoh.Session:
+    """Open the session that makes this process a router.
+
+    Args:
+        listen: the endpoints to listen at.
+        identity: who this process shows itself to be on encrypted links.
+        access: what others may send and receive: see `wire.access`. None: everything.
+    """
+    return _open("router", list(listen), [], identity, _access(access))
 
 
-def client(endpoint: str) -> zenoh.Session:
+def client(endpoint: str, identity: Identity | None = None) -> zenoh.Session:
     """Open a session through the router at ``endpoint``. A router that is not running yet is no error."""
-    return _open("client", [], [endpoint])
+    return _open("client", [], [endpoint], identity)
 
 
-def visitor(endpoint: str, within: float) -> zenoh.Session:
+def visitor(endpoint: str, within: float, identity: Identity | None = None) -> zenoh.Session:
     """Open a session through the router at ``endpoint``, or fail after ``within`` seconds if no router answers.
 
     Once open, the session reconnects to its router however long that takes, like all sessions.
@@ -93,17 +104,38 @@ def visitor(endpoint: str, within: float) -> zenoh.Session:
         zenoh.ZError: if no router answers in time.
     """
     hasty = {"connect/timeout_ms": int(within * 1000), "connect/exit_on_failure": True}
-    return _open("client", [], [endpoint], hasty)
+    return _open("client", [], [endpoint], identity, hasty)
 
 
-def peer(listen: Iterable[str], links: Iterable[str]) -> zenoh.Session:
+def peer(
+    listen: Iterable[str],
+    links: Iterable[str],
+    identity: Identity | None = None,
+    access: Mapping[str, Any] | None = None,
+) -> zenoh.Session:
     """Open a session with direct links only. Peers never forward messages, so only linked sessions reach each other."""
-    return _open("peer", list(listen), list(links))
+    return _open("peer", list(listen), list(links), identity, _access(access))
 
 
-def _open(mode: str, listen: list[str], connect: list[str], other: Mapping[str, Any] | None = None) -> zenoh.Session:
+def is_encrypted(endpoint: str) -> bool:
+    """Return whether links at ``endpoint`` are encrypted, and both ends show certificates."""
+    return endpoint.partition("/")[0] in ("tls", "quic")
+
+
+def _access(access: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    return {} if access is None else {"access_control": access}
+
+
+def _open(
+    mode: str,
+    listen: list[str],
+    connect: list[str],
+    identity: Identity | None = None,
+    other: Mapping[str, Any] | None = None,
+) -> zenoh.Session:
     config = zenoh.Config()
-    for key, value in (_ALWAYS | dict(other or {})).items():
+    tls = {} if identity is None else {"transport/link/tls": dict(identity.tls)}
+    for key, value in (_ALWAYS | tls | dict(other or {})).items():
         config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
     config.insert_json5("listen/endpoints", json.dumps(listen))
