@@ -50,13 +50,13 @@ class Hosts:
         """Start all processes, wait until all nodes have joined, and end them at last."""
         with contextlib.ExitStack() as stack:
             member = ("--connect", self.connect, "--secret-file", str(self._folder / "secret"))
-            self._start(stack, 0, "router", "--listen", self.connect)
+            self._start(stack, 0, "router", "--insecure", "--listen", self.connect)
             state = str(self._folder / "state")
             self._start(stack, 0, "coordinator", *member, "--nodes", str(sum(self._nodes)), "--state", state)
             self._start(stack, 0, "spy", *member)
             for host, nodes in enumerate(self._nodes):
                 listen = f"tcp/{self._namespaces.addresses[host]}:7450"
-                options = ("--nodes", str(nodes), "--listen", listen, "--host", f"host{host}")
+                options = ("--nodes", str(nodes), "--insecure", "--listen", listen, "--host", f"host{host}")
                 self._agents.append(self._start(stack, host, "node", *member, *options))
             self._wait()
             yield

@@ -49,7 +49,7 @@ class Hosts:
     def __init__(self, hosts: int, each: int, folder: Path, stack: contextlib.ExitStack) -> None:
         self._each, self._folder, self._stack = each, folder, stack
         self.connect = f"tcp/127.0.0.1:{free_port()}"
-        self._start("router", "--listen", self.connect)
+        self._start("router", "--insecure", "--listen", self.connect)
         member = ("--connect", self.connect, "--secret-file", str(folder / "secret"))
         state = str(folder / "state")
         self._start("coordinator", *member, "--nodes", str(hosts * each), "--state", state)

@@ -22,9 +22,10 @@ import zenoh
 
 from node.node_config import NodeConfig
 from topologies import ROOT, Topology
-from wire import sessions
+from wire import access, sessions
 from wire.callbacks import direct, frequent
 from wire.control import Wiring
+from wire.members import member_of_host
 
 _DIRECT_WITHIN = 30.0  # s that a direct link may take to come up; a thousand nodes start in a third of it
 
@@ -131,11 +132,13 @@ class Links:
         ways = [self._way_to(config, other) for other in sorted(self.neighbours) if other < self.cell]
         there = [way for way in ways if way is not None]
         try:
-            self.data = sessions.peer([*here, *abroad], there)
+            self.data = sessions.peer([*here, *abroad], there, config.identity, self._access(config))
         except zenoh.ZError:
             if not abroad:
                 raise
-            self.data = sessions.peer(here, there)  # another process has that port: links from abroad use the router
+            self.data = sessions.peer(
+                here, there, config.identity
+            )  # another process has that port: links from abroad use the router
         self._out = self.data.declare_publisher(self.keys.out(self.node))
         self.publish: Callable[[bytes], None] = self._out.put
         self._subscribers = [self._subscribe(self.data, other) for other in self.neighbours]
@@ -144,6 +147,17 @@ class Links:
         # One subscriber for all neighbours: no other node is linked, and each subscriber costs a message on each link.
         self._watcher = liveliness.declare_subscriber(self.keys.any_node, direct(see), history=True)
         self._token = liveliness.declare_token(self.keys.node(self.node))
+
+    def _access(self, config: NodeConfig) -> Mapping[str, Any] | None:
+        """Return the rules for links from other hosts; None for a node without keys, or without such links."""
+        hosts, nodes = self.wiring.hosts, self.wiring.nodes
+        if config.identity is None or not hosts:
+            return None
+        nodes_of: dict[str, list[int]] = {}
+        for other in self.neighbours:
+            if hosts[other] != hosts[self.cell]:
+                nodes_of.setdefault(member_of_host(hosts[other]), []).append(nodes[other])
+        return access.of_links(config.cluster, nodes_of)
 
     def _way_to(self, config: NodeConfig, other: int) -> str | None:
         """Return the endpoint at which a neighbour listens for this node; None if no direct link is possible."""

@@ -9,6 +9,7 @@ from node.suspects import EvaluationLimits
 from problems.modules import Modules
 from wire import sessions
 from wire.keys import Keys
+from wire.members import Identity
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class NodeConfig:
         host: identifies this start of the processes that share ``folder``, in a cluster of several hosts; else empty.
         crash: the signal by which the process before this one crashed, such as "SIGSEGV"; "" if it did not.
         limits: what an evaluation in a user's own code may take.
+        identity: who this process shows itself to be on encrypted links; None if there are none.
         core_tokens: the tokens of cores that nodes share, by core. Without one a node breeds whenever it is scheduled.
     """
 
@@ -41,6 +43,7 @@ class NodeConfig:
     core_tokens: CoreTokens = field(default_factory=dict)
     crash: str = ""
     limits: EvaluationLimits = field(default_factory=EvaluationLimits)
+    identity: Identity | None = None
 
     @property
     def keys(self) -> Keys:

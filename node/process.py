@@ -74,7 +74,7 @@ class NodeProcess:
         self._config = config
         self._seal = Seal(config.secret)
         self._pinning = Pinning()
-        self.control = sessions.client(config.router)
+        self.control = sessions.client(config.router, config.identity)
         counters = self.control.declare_publisher(config.keys.stats(config.node))
         self._telemetry = Telemetry(config.node, counters.put, self._publish_record)
         self.driver = Driver(

@@ -195,7 +195,7 @@ class SpyProcess:
         self.links: dict[int, _Link] = {}
         self._due = 0.0  # when the next statistics are due, on the monotonic clock
         self._seal = Seal(config.secret)
-        self.control = sessions.client(config.router)
+        self.control = sessions.client(config.router, config.identity)
         if config.topology:
             nodes = tuple(range(topologies.parse(config.topology).cells))
             self._link(Wiring(0, nodes))

@@ -37,6 +37,7 @@ class Traffic:
         hears: it subscribes to these.
         asks: it sends queries to these.
         answers: it answers queries to these.
+        is_asked: it gets queries to these too, such as those to many, and answers under a key of `answers`.
         lives: it holds liveliness tokens with these.
         watches: it watches for liveliness tokens with these.
     """
@@ -45,6 +46,7 @@ class Traffic:
     hears: tuple[str, ...] = ()
     asks: tuple[str, ...] = ()
     answers: tuple[str, ...] = ()
+    is_asked: tuple[str, ...] = ()
     lives: tuple[str, ...] = ()
     watches: tuple[str, ...] = ()
 
@@ -55,6 +57,7 @@ _MESSAGES_OF: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "hears": (("declare_subscriber",), ("put",)),
     "asks": (("query",), ("reply", "declare_queryable")),
     "answers": (("declare_queryable", "reply"), ("query",)),
+    "is_asked": ((), ("query",)),
     "lives": (("liveliness_token",), ("liveliness_query", "declare_liveliness_subscriber")),
     "watches": (("liveliness_query", "declare_liveliness_subscriber"), ("liveliness_token",)),
 }
@@ -94,6 +97,7 @@ def _of_a_host(member: Member) -> Traffic:
         hears=_each("node/*/out"),
         asks=_each("node/*/control", "nodes"),
         answers=_each("node/*/control", f"host/{here}"),
+        is_asked=_each("host/*"),
         lives=_each("node/*", "node/*/routed", f"node/*/life/{here}", f"host/{here}"),
         watches=_each("coordinator", "node/*", "node/*/routed"),
     )
@@ -173,9 +177,9 @@ def _rules(traffic_of_each: Mapping[str, Traffic]) -> dict[str, Any]:
 def _rules_of(name: str, traffic: Traffic) -> Iterable[dict[str, Any]]:
     for kind, (inwards, outwards) in _MESSAGES_OF.items():
         keys = getattr(traffic, kind)
-        if keys:
-            yield _rule(f"{name} {kind}, in", ("ingress",), inwards, keys)
-            yield _rule(f"{name} {kind}, out", ("egress",), outwards, keys)
+        for way, messages in (("ingress", inwards), ("egress", outwards)):
+            if keys and messages:
+                yield _rule(f"{name} {kind}, {way}", (way,), messages, keys)
 
 
 def _rule(id: str, flows: tuple[str, ...], messages: tuple[str, ...], keys: tuple[str, ...]) -> dict[str, Any]:

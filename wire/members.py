@@ -108,6 +108,18 @@ class Identity:
             raise BadMemberError("expected a list of members")
         return tuple(Member.of(each) for each in found)
 
+    def stamp(self) -> tuple[tuple[int, int], ...]:
+        """Return what changes when one of the files does that can change."""
+        found = []
+        for name in (MEMBERS, KEY, CERTIFICATE):
+            try:
+                status = (self.folder / name).stat()
+            except OSError:
+                found.append((0, 0))
+            else:
+                found.append((status.st_ino, status.st_mtime_ns))
+        return tuple(found)
+
     @property
     def tls(self) -> Mapping[str, object]:
         """Zenoh's settings for links by TLS and QUIC: both ends show a certificate, and the names are checked."""

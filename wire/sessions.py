@@ -8,6 +8,7 @@ Measurements led to these choices:
 - A router must not receive and send on the same thread, or it can deadlock.
 """
 
+import ipaddress
 import json
 import os
 from collections.abc import Iterable, Mapping
@@ -68,6 +69,14 @@ def log_nothing() -> None:
     zenoh.init_log_from_env_or("off")
 
 
+def log_refusals() -> None:
+    """Have Zenoh tell on standard output which messages and links are refused, and nothing else.
+
+    See `coordinator.launch.refusals`. Only where access is controlled is there anything to tell.
+    """
+    zenoh.init_log_from_env_or("off,zenoh::net::routing::interceptor=trace,zenoh_link_tls=warn,zenoh_link_quic=warn")
+
+
 def unix_socket(folder: Path, name: str) -> str:
     """Return the endpoint of a Unix socket in ``folder``.
 
@@ -120,6 +129,20 @@ def peer(
 def is_encrypted(endpoint: str) -> bool:
     """Return whether links at ``endpoint`` are encrypted, and both ends show certificates."""
     return endpoint.partition("/")[0] in ("tls", "quic")
+
+
+def is_plain_abroad(endpoint: str) -> bool:
+    """Return whether links at ``endpoint`` are not encrypted, and may come from other machines."""
+    protocol, _, address = endpoint.partition("/")
+    host = address.rpartition(":")[0].strip("[]")
+    return protocol in ("tcp", "udp", "ws", "wss") and host != "localhost" and not _is_loopback(host)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def _access(access: Mapping[str, Any] | None) -> Mapping[str, Any]:

@@ -32,6 +32,7 @@ from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.hosts import Host
 from wire.keys import Keys
+from wire.members import Identity
 from wire.seal import Seal
 from wire.strict import Rejected
 
@@ -60,6 +61,7 @@ class HostZygote(Zygote):
         force: start the nodes even if this machine cannot hold so many.
         node_timeout: after how many seconds a process that is stopped counts as dead.
         limits: what an evaluation in a user's own code may take.
+        identity: who the host shows itself to be on encrypted links; None if there are none.
 
     Raises:
         BadInput: if this machine cannot hold so many nodes; the message says how many it can hold.
@@ -76,12 +78,14 @@ class HostZygote(Zygote):
         force: bool = False,
         node_timeout: float = NODE_TIMEOUT,
         limits: EvaluationLimits,
+        identity: Identity | None = None,
     ) -> None:
         capacity.check(host.wants, force=force, has_router=False)
         folder = new_folder()
         self._lock = make_folder(folder)
         super().__init__(cluster, "", folder, secret, modules, node_timeout=node_timeout, limits=limits)
         self._router = router
+        self._identity = identity
         self._host = host
         self.name = f"host {host.name}"
         self._numbers, self._tell_numbers = os.pipe()
@@ -167,12 +171,13 @@ class HostZygote(Zygote):
             self._core_tokens,
             self._crashes.get(f"node {node}", ""),
             self._limits,
+            self._identity,
         )
 
     def _be_the_agent(self) -> None:
         try:
             keys, seal, leaves = Keys(self.cluster), Seal(self.secret), self._until is not None
-            _as_usual(lambda: attend(self._host, keys, self._router, seal, self._tell, leaves=leaves))
+            _as_usual(lambda: attend(self._host, keys, self._router, self._identity, seal, self._tell, leaves=leaves))
         except ClusterFailed as error:
             self._log("error", str(error), self.name)
             os._exit(_REFUSED)
@@ -191,7 +196,14 @@ def _as_usual(live: Callable[[], None]) -> None:
 
 
 def attend(
-    host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tuple[int, ...]], None], *, leaves: bool = False
+    host: Host,
+    keys: Keys,
+    router: str,
+    identity: Identity | None,
+    seal: Seal,
+    tell: Callable[[tuple[int, ...]], None],
+    *,
+    leaves: bool = False,
 ) -> None:
     """Run as the agent of a host until the process is killed.
 
@@ -199,6 +211,7 @@ def attend(
         host: the host. If it has node numbers already, the agent before this one has died, and none are asked for.
         keys: the key expressions of the cluster.
         router: the endpoint of the cluster's router.
+        identity: who the host shows itself to be on encrypted links.
         seal: seals what the agent sends.
         tell: called once with the nodes' numbers, if they were asked for.
         leaves: whether the host is about to end already.
@@ -211,7 +224,7 @@ def attend(
         leave.set()
     signal.signal(LEAVE, lambda *_: leave.set())
     sessions.use_runtime(sessions.NODE_RUNTIME)
-    session = sessions.client(router)
+    session = sessions.client(router, identity)
     here = [host]  # as it is now; Zenoh's thread reads it
 
     def present(query: zenoh.Query) -> None:

@@ -50,6 +50,7 @@ class ServiceOptions:
         eval_timeout: how many seconds an evaluation may take for each individual, and how many it may go on once its
             job is stopped; None for any time, and `EVAL_TIMEOUT` once the job is stopped.
         node_memory: how many bytes a node may take for a user's own code; None for any number.
+        keys: the router's key folder, if members of the cluster show certificates; see `wire.members`.
         checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
     """
 
@@ -65,6 +66,7 @@ class ServiceOptions:
     node_timeout: float = NODE_TIMEOUT
     eval_timeout: float | None = None
     node_memory: int | None = None
+    keys: Path | None = None
     checkpoint_every: float | None = CHECKPOINT_EVERY
 
 

@@ -1,23 +1,40 @@
 """The embedded Zenoh router, in a process of its own: the control plane of a cluster."""
 
+import contextlib
 import os
 import re
 import resource
 import signal
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import zenoh
 
 from coordinator.errors import ClusterFailed
-from wire import sessions
+from coordinator.launch.refusals import Refusals
+from coordinator.log_lines import LogLines
+from wire import access, sessions
+from wire.keys import Keys
+from wire.members import BadMemberError, Identity
+from wire.news import LogRecord
+
+_LOOK_AGAIN = 0.5  # seconds between two looks whether the keys or the list of members have changed
+_SAME_PORT_WITHIN = 10.0  # seconds in which a port is free again that this process had
 
 
-def route(endpoints: Sequence[str], ready: int) -> None:
+def route(endpoints: Sequence[str], ready: int, lines: LogLines, identity: Identity | None = None) -> None:
     """Run a router for everything that connects to one of the ``endpoints``, until the process is killed.
+
+    With an identity it lets members of the cluster do only what their roles and rights allow, and strangers nothing
+    (`wire.access`). It takes new keys and a new list of members as soon as the files change: all links are made anew.
 
     Args:
         endpoints: Zenoh endpoints to listen at.
         ready: a descriptor that gets one byte, ``!``, when the router listens.
+        lines: the log. What was refused goes to the cluster's log, which the coordinator keeps.
+        identity: who the router shows itself to be on encrypted links. None: whoever reaches it may do everything.
 
     Raises:
         ClusterFailed: if the router cannot listen there.
@@ -25,14 +42,100 @@ def route(endpoints: Sequence[str], ready: int) -> None:
     _, most_files = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most_files, most_files))  # each node takes one; the default is 1024
     sessions.use_runtime(sessions.ROUTER_RUNTIME)
-    try:
-        session = sessions.router(endpoints)
-    except zenoh.ZError as error:
-        raise ClusterFailed(_words(str(error), endpoints)) from error
+    router = _Router(endpoints, lines, identity)
+    router.open()
     os.write(ready, b"!")
     os.close(ready)
-    while not session.is_closed():
-        signal.pause()
+    if identity is None:
+        while not router.session.is_closed():
+            signal.pause()
+    else:
+        router.renew_for_ever()
+
+
+class _Router:
+    """The router's session.
+
+    Args:
+        endpoints, lines, identity: see `route`.
+
+    Attributes:
+        session: the session.
+    """
+
+    session: zenoh.Session
+
+    def __init__(self, endpoints: Sequence[str], lines: LogLines, identity: Identity | None) -> None:
+        self._endpoints = endpoints
+        self._lines = lines
+        self._identity = identity
+        if identity is not None:
+            threading.Thread(target=partial(_read_refusals, self._publish), name="refusals", daemon=True).start()
+
+    def open(self) -> None:
+        """Open the session.
+
+        Raises:
+            ClusterFailed: if the router cannot listen, or its files cannot be read.
+        """
+        rules = None
+        if self._identity is not None:
+            try:
+                rules = access.of_the_router(self._identity.members())
+            except (OSError, BadMemberError) as error:
+                raise ClusterFailed(f"the list of members: {error}") from None
+        try:
+            self.session = sessions.router(self._endpoints, self._identity, rules)
+        except zenoh.ZError as error:
+            raise ClusterFailed(_words(str(error), self._endpoints)) from error
+
+    def renew_for_ever(self) -> None:
+        """Open the session anew whenever the keys or the list of members change."""
+        assert self._identity is not None, "only a router with keys has files that change"
+        seen = self._identity.stamp()
+        while True:
+            time.sleep(_LOOK_AGAIN)
+            now = self._identity.stamp()
+            if now != seen:
+                seen = now
+                self._renew()
+
+    def _renew(self) -> None:
+        """Open the session anew; keep the present one if the new list of members cannot be read."""
+        assert self._identity is not None
+        try:
+            self._identity.members()
+        except (OSError, BadMemberError) as error:
+            return self._log("error", f"the list of members stays the one before: {error}")
+        self.session.close()  # type: ignore[no-untyped-call]
+        until = time.monotonic() + _SAME_PORT_WITHIN
+        while True:
+            try:
+                self.open()
+                return self._log("info", "the keys and the list of members were read anew")
+            except ClusterFailed:
+                if time.monotonic() > until:
+                    raise
+                time.sleep(0.05)
+
+    def _log(self, level: str, text: str) -> None:
+        self._lines.write(LogRecord(level, "router", text, time.time()))
+
+    def _publish(self, text: str) -> None:
+        """Publish a warning in the log of each cluster that the router serves. On the thread that reads refusals."""
+        with contextlib.suppress(zenoh.ZError):  # the session is being opened anew
+            self.session.put(Keys("*").log, LogRecord("warning", "router", text, time.time()).encode())
+
+
+def _read_refusals(say: Callable[[str], None]) -> None:
+    """Say for ever what Zenoh's log tells of refused messages and links; the log goes to standard output."""
+    reading, writing = os.pipe()
+    os.dup2(writing, 1)
+    os.close(writing)
+    refusals = Refusals(say)
+    with os.fdopen(reading, errors="replace") as lines:
+        for line in lines:
+            refusals.read(line, time.monotonic())
 
 
 def _words(error: str, endpoints: Sequence[str]) -> str:

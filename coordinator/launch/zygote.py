@@ -34,8 +34,10 @@ from coordinator.launch.imports import import_all
 from coordinator.launch.lifeline import at_end, comes_first, end_with_the_caller, first_line
 from coordinator.launch.stopped import NODE_TIMEOUT, StoppedChildren
 from lowlevel import capabilities, linux
+from wire.members import Identity
 
 if TYPE_CHECKING:
+    from coordinator.log_lines import LogLines
     from node.core_token import CoreTokens
     from node.node_config import NodeConfig
     from node.suspects import EvaluationLimits
@@ -114,6 +116,8 @@ class Zygote:
         self.modules = modules
         self.topology = topology
         self.folder = folder
+        keys = None if service is None else service["keys"]
+        self._identity = None if keys is None else Identity.read(Path(keys))  # of the router; the others use sockets
         self.service = service  # `coordinator.launch.launcher.ServiceOptions`, as JSON has them
         self._kinds = kinds  # of problem, whose kernels are loaded; None for all
         self.children: dict[int, str] = {}  # running children, process id to name
@@ -182,7 +186,9 @@ class Zygote:
         import spy.process
         from wire import sessions
 
-        sessions.log_nothing()  # here, since it would touch forty pages in each child
+        (
+            sessions.log_nothing if self._identity is None else sessions.log_refusals
+        )()  # here, since it would touch forty pages in each child
         self._core_tokens = node.core_token.for_all_cores(nodes)
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.enable()
@@ -213,7 +219,7 @@ class Zygote:
 
             os.close(ready)
             try:
-                route(listen, tell)
+                route(listen, tell, self._log_lines(), self._identity)
             except ClusterFailed as error:
                 os.write(tell, str(error).encode())
 
@@ -299,13 +305,16 @@ class Zygote:
 
     def _log(self, level: str, text: str, process: str, about: str = "") -> None:
         """Write a line to the log; what writes it is imported only now, since this is rare."""
-        from coordinator.log_lines import LogLines
         from wire.news import LogRecord
 
         kind, _, number = about.partition(" ")
         node = int(number) if kind == "node" else None
-        lines = LogLines(self.cluster, None if self.service is None else self.service["log_json"])
-        lines.write(LogRecord(level, process, text, time.time(), node))
+        self._log_lines().write(LogRecord(level, process, text, time.time(), node))
+
+    def _log_lines(self) -> "LogLines":
+        from coordinator.log_lines import LogLines
+
+        return LogLines(self.cluster, None if self.service is None else self.service["log_json"])
 
     def _is_the_end(self, name: str, status: int) -> bool:
         """Return whether this death ends the cluster, and report why if it does."""

@@ -77,7 +77,7 @@ class Options:
 def run(config: NodeConfig, options: Options, make_dispatcher: MakeJobRunner) -> None:
     """Run the coordinator until a client's `Down` or SIGTERM ends it."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
-    session = sessions.client(config.router)
+    session = sessions.client(config.router, config.identity)
     service = Service(session, config.keys, config.modules, options, make_dispatcher)
     signal.signal(signal.SIGTERM, lambda *_: service.stop())
     try:

@@ -188,9 +188,9 @@ class AsyncClient:
         return await self._tracker.ask(request, patience)
 
 
-async def connect_async(endpoint_or_state: str | Path | None = None) -> AsyncClient:
+async def connect_async(endpoint_or_state: str | Path | None = None, keys: str | Path | None = None) -> AsyncClient:
     """Connect to a running cluster and return a client for asyncio.
 
     Arguments and errors are those of `connect`.
     """
-    return await AsyncClient.open(Place.of(endpoint_or_state))
+    return await AsyncClient.open(Place.of(endpoint_or_state, keys))

@@ -223,12 +223,13 @@ class Client:
             self._thread.stop()
 
 
-def connect(endpoint_or_state: str | Path | None = None) -> Client:
+def connect(endpoint_or_state: str | Path | None = None, keys: str | Path | None = None) -> Client:
     """Connect to a running cluster and return a blocking client.
 
     Args:
         endpoint_or_state: an endpoint such as ``"tcp/127.0.0.1:7447"``, or the state folder of a `supernode up` on this
             machine. None means the user's default state folder.
+        keys: the folder with the keys of a client, for an endpoint such as ``"tls/10.0.0.2:7447"``.
 
     Returns:
         A client; use it as a context manager, or call its `close`.
@@ -236,4 +237,4 @@ def connect(endpoint_or_state: str | Path | None = None) -> Client:
     Raises:
         ClusterFailed: if no cluster is found there within two seconds, or if the cluster does not answer.
     """
-    return Client(Place.of(endpoint_or_state))
+    return Client(Place.of(endpoint_or_state, keys))

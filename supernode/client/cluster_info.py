@@ -11,6 +11,8 @@ from pathlib import Path
 
 from coordinator.errors import ClusterFailed
 from problems.errors import BadInput
+from supernode.files.key_folder import identity_in
+from wire.members import Identity
 
 _ENTRY = "cluster.json"
 _LOCK = "up.lock"
@@ -42,20 +44,27 @@ class Place:
         endpoint: the endpoint of a router.
         folder: a state folder on this machine.
         cluster: the name of the cluster that is meant, if several answer at the endpoint.
+        identity: who the client shows itself to be there; needed at encrypted endpoints.
     """
 
     endpoint: str | None
     folder: Path | None
     cluster: str | None = None
+    identity: Identity | None = None
 
     @staticmethod
-    def of(text: str | Path | None) -> "Place":
+    def of(text: str | Path | None, keys: str | Path | None = None) -> "Place":
         """Return the place that ``text`` names: an endpoint such as ``tcp/127.0.0.1:7447``, or a state folder.
 
-        None is the user's default state folder.
+        Args:
+            text: the endpoint or the folder; None is the user's default state folder.
+            keys: the key folder of a client, for an endpoint.
+
+        Raises:
+            BadInput: if there are no such keys.
         """
         if isinstance(text, str) and _ENDPOINT.fullmatch(text):
-            return Place(text, None)
+            return Place(text, None, identity=None if keys is None else identity_in(Path(keys), "client", "keys"))
         return Place.of_folder(text)
 
     @staticmethod
@@ -64,20 +73,23 @@ class Place:
         return Place(None, default_folder() if folder is None else Path(folder))
 
     @staticmethod
-    def at(endpoint: str, option: str = "--connect", cluster: str | None = None) -> "Place":
+    def at(
+        endpoint: str, option: str = "--connect", cluster: str | None = None, identity: Identity | None = None
+    ) -> "Place":
         """Return the place of the endpoint that a command-line option names.
 
         Args:
             endpoint: the endpoint.
             option: the option, for the error.
             cluster: the name of the cluster that is meant, if several answer there.
+            identity: who the client shows itself to be there.
 
         Raises:
             BadInput: if ``endpoint`` is not an endpoint.
         """
         if not _ENDPOINT.fullmatch(endpoint):
             raise BadInput(f"{option}: expected an endpoint such as tcp/127.0.0.1:7447, found {endpoint}")
-        return Place(endpoint, None, cluster)
+        return Place(endpoint, None, cluster, identity)
 
     def info(self) -> ClusterInfo | None:
         """Return the entry in the folder; None if this place is an endpoint.

@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Any, Self
 
 import zenoh
@@ -23,6 +24,7 @@ from wire import sessions
 from wire.callbacks import direct
 from wire.jobs import Refused, Request, Status, decode_answer, encode
 from wire.keys import ANYONE, Keys
+from wire.members import Identity
 from wire.strict import Rejected
 
 CONNECT_WITHIN = 1.8  # seconds to find a cluster; with the imports before it, `connect` fails within two seconds
@@ -37,6 +39,7 @@ class Link:
         self.place = place
         self.keys = keys
         self._session = session
+        self._member = None if place.identity is None else place.identity.member
         self._loop = asyncio.get_running_loop()
 
     @classmethod
@@ -51,10 +54,13 @@ class Link:
         info = place.info()
         endpoint = place.endpoint if info is None else info.endpoint
         assert endpoint is not None, "a place that is not a folder has an endpoint"
+        identity = place.identity
+        if sessions.is_encrypted(endpoint):
+            _check_keys(endpoint, identity)
         try:
-            session = await asyncio.to_thread(sessions.visitor, endpoint, CONNECT_WITHIN)
+            session = await asyncio.to_thread(sessions.visitor, endpoint, CONNECT_WITHIN, identity)
         except zenoh.ZError:
-            raise ClusterFailed(f"no cluster answers at {endpoint}") from None
+            raise ClusterFailed(_no_answer(place, endpoint)) from None
         # Until the cluster's name is known, ask under the name of the folder's entry, or any cluster at the endpoint.
         link = cls(session, place, Keys("*" if info is None else info.cluster))
         try:
@@ -75,6 +81,7 @@ class Link:
             BadInput: if the cluster refuses the request and blames the input.
             ClusterFailed: if the request fails in the cluster, or nothing has answered for ``patience`` seconds.
         """
+        self._check_right(request)
         until = time.monotonic() + patience
         while True:
             answers = await self._gather(request, max(_AGAIN, until - time.monotonic()))
@@ -127,8 +134,19 @@ class Link:
             if names:
                 raise ClusterFailed(f"more than one cluster answers at {self.place}: {', '.join(names)}")
             if time.monotonic() >= until - _AGAIN:
-                raise ClusterFailed(f"no cluster answers at {self.place}")
+                raise ClusterFailed(_no_answer(self.place, str(self.place)))
             await asyncio.sleep(_AGAIN)
+
+    def _check_right(self, request: Request) -> None:
+        """Refuse what the router would drop without an answer.
+
+        Raises:
+            BadInput: if this client has not the right.
+        """
+        member = self._member
+        if member is not None and request.right not in member.may:
+            has = ", ".join(member.may) or "nothing"
+            raise BadInput(f"{member.name} may {has}, but {request.name} needs the right to {request.right}")
 
     async def _gather(self, request: Request, seconds: float) -> list[bytes]:
         """Send one query and return all answers to it, none if nothing answers within ``seconds``.
@@ -138,7 +156,7 @@ class Link:
         """
         answers: list[bytes] = []
         over = self._loop.create_future()
-        key = self.keys.requests(ANYONE, request.right)
+        key = self.keys.requests(ANYONE if self._member is None else self._member.name, request.right)
 
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is not None:  # else an error of Zenoh's own, such as a timeout
@@ -157,6 +175,28 @@ class Link:
     def _call(self, function: Callable[..., None], *arguments: Any) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed, so nothing waits for this any more
             self._loop.call_soon_threadsafe(function, *arguments)
+
+
+def _check_keys(endpoint: str, identity: Identity | None) -> None:
+    """Refuse keys that no router would accept.
+
+    Raises:
+        BadInput: if there are none, or they have expired.
+    """
+    if identity is None:
+        raise BadInput(f"{endpoint}: expected keys too (--keys DIR), since the cluster asks who connects")
+    expires = datetime.fromisoformat(identity.member.expires)
+    if expires < datetime.now(UTC):
+        raise BadInput(
+            f"the keys in {identity.folder} expired on {expires:%Y-%m-%d}; `supernode keys renew` makes new ones"
+        )
+
+
+def _no_answer(place: Place, where: str) -> str:
+    text = f"no cluster answers at {where}"
+    if place.identity is None:
+        return text
+    return f"{text}, or it does not know the keys of {place.identity.member.name} in {place.identity.folder}"
 
 
 def _settle(over: "asyncio.Future[None]") -> None:

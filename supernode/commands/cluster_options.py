@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 from typing import TYPE_CHECKING, Any
 
 from supernode.commands.run_options import positive, size
@@ -9,6 +10,7 @@ from supernode.commands.run_options import positive, size
 if TYPE_CHECKING:
     from supernode.client.client import Client
     from supernode.client.cluster_info import Place
+    from wire.members import Identity
 
 
 def add_cluster_options(parser: argparse.ArgumentParser, what: str = "the answer") -> None:
@@ -21,7 +23,31 @@ def add_place(parser: "argparse._ActionsContainer") -> None:
     """Add the options that say where the cluster is."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--state", metavar="DIR", help="the state folder of a cluster on this machine")
-    where.add_argument("--connect", metavar="ENDPOINT", help="the endpoint of a cluster, such as tcp/192.168.1.7:7447")
+    where.add_argument("--connect", metavar="ENDPOINT", help="the endpoint of a cluster, such as tls/192.168.1.7:7447")
+    add_keys(parser)
+
+
+def add_keys(parser: "argparse._ActionsContainer") -> None:
+    """Add the option that says who the process shows itself to be on encrypted links."""
+    parser.add_argument(
+        "--keys",
+        metavar="DIR",
+        default=os.environ.get("SUPERNODE_KEYS") or None,
+        help="the folder with this process's keys, which `supernode keys` makes, for tls/ and quic/ [SUPERNODE_KEYS]",
+    )
+
+
+def identity_of(options: argparse.Namespace, role: str) -> "Identity | None":
+    """Return who the process shows itself to be; None if the options name no keys.
+
+    Raises:
+        BadInput: if there are no keys of that role.
+    """
+    from pathlib import Path
+
+    from supernode.files.key_folder import identity_in
+
+    return None if options.keys is None else identity_in(Path(options.keys), role)
 
 
 def add_force(parser: "argparse._ActionsContainer") -> None:
@@ -89,7 +115,9 @@ def place_of(options: argparse.Namespace) -> "Place":
     """
     from supernode.client.cluster_info import Place
 
-    return Place.of_folder(options.state) if options.connect is None else Place.at(options.connect)
+    if options.connect is None:
+        return Place.of_folder(options.state)
+    return Place.at(options.connect, identity=identity_of(options, "client"))
 
 
 def tell(options: argparse.Namespace, value: dict[str, Any], words: str) -> None:

@@ -4,7 +4,7 @@ import argparse
 
 from supernode import exits
 from supernode.commands.checkpoint_options import add_checkpoint
-from supernode.commands.cluster_options import add_eval_timeout
+from supernode.commands.cluster_options import add_eval_timeout, identity_of
 from supernode.commands.role_options import (
     add_log_json,
     add_membership,
@@ -52,7 +52,8 @@ def run(options: argparse.Namespace) -> int:
         raise BadInput(f"--max-nodes: expected at least --nodes, {nodes}, found {most_nodes}")
     database = options.database or _file(options.state)
     keep_days, keep_records = number_of(options, "keep_days"), number_of(options, "keep_records")
-    secret = secret_of(options)
+    identity = identity_of(options, "coordinator")
+    secret = secret_of(options, identity)
     # Before anything that imports numpy: it reads its number of threads only once.
     prepare_process()
     from pathlib import Path
@@ -69,7 +70,8 @@ def run(options: argparse.Namespace) -> int:
     keep, limits = Keep(keep_days, keep_records), (most_nodes, options.eval_timeout or EVAL_TIMEOUT, options.checkpoint)
     host_timeout = options.host_timeout or HOST_TIMEOUT
     how = Options(nodes, database, keep, options.log_json, *limits, host_timeout=host_timeout)
-    preside(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options)), how, max_queue)
+    config = NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options), identity=identity)
+    preside(config, how, max_queue)
     return exits.OK
 
 

@@ -69,14 +69,14 @@ def _is_there(options: argparse.Namespace, ends: str | None) -> bool:
     import zenoh
 
     from coordinator.errors import ClusterFailed
-    from supernode.commands.cluster_options import connected
+    from supernode.commands.cluster_options import connected, identity_of
     from wire import sessions
 
     try:
         if ends == "coordinator":
             connected(options).close()
         else:
-            sessions.visitor(options.connect, _ANSWER_WITHIN).close()  # type: ignore[no-untyped-call]
+            sessions.visitor(options.connect, _ANSWER_WITHIN, identity_of(options, "client")).close()  # type: ignore[no-untyped-call]
     except (ClusterFailed, zenoh.ZError):
         return False
     return True

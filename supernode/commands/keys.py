@@ -38,8 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RIGHTS",
         help="what a client or a dashboard may do, some of watch,submit,change,down (watch,submit)",
     )
-    for each in (init, add, renew):
+    for each in (init, add):
         each.add_argument("--days", metavar="D", type=positive, default=_DAYS, help="how long they are valid (365)")
+    renew.add_argument("--days", metavar="D", type=positive, help="how long they are valid (as long as those before)")
     for each in (init, add):
         each.add_argument(
             "--address",

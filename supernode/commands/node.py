@@ -3,11 +3,13 @@
 import argparse
 
 from supernode import exits
-from supernode.commands.cluster_options import add_evaluation_limits, add_force, add_node_timeout
+from supernode.commands.cluster_options import add_evaluation_limits, add_force, add_node_timeout, identity_of
 from supernode.commands.role_options import (
+    add_insecure,
     add_membership,
     add_option,
     add_trust,
+    check_listen,
     cluster_of,
     endpoint,
     endpoint_of,
@@ -41,9 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "listen",
         "let nodes of other hosts connect here, at four ports for each node from this one on, such as"
-        " tcp/192.168.1.8:7450; 0.0.0.0 means this machine's own address (by default hosts are linked by the router)",
+        " tls/192.168.1.8:7450; 0.0.0.0 means this machine's own address (by default hosts are linked by the router)",
         metavar="ENDPOINT",
     )
+    add_insecure(parser)
     add_trust(parser)
     parser.add_argument(
         "--lifeline",
@@ -67,8 +70,10 @@ def run(options: argparse.Namespace) -> int:
 
     router, cluster, around = endpoint_of(options), cluster_of(options), surroundings(os.environ)
     nodes = around.nodes if options.nodes is None else number_of(options, "nodes")
+    identity = identity_of(options, "node")
     listen = own_endpoint(endpoint(options.listen, "listen"), router) if options.listen else ""
-    secret = read_secret() if options.lifeline else secret_of(options)
+    check_listen([listen] if listen else [], identity is not None, options.insecure)
+    secret = read_secret() if options.lifeline else secret_of(options, identity)
     # Before anything that imports numpy: it reads its number of threads only once.
     prepare_process()
     if options.lifeline:
@@ -78,7 +83,10 @@ def run(options: argparse.Namespace) -> int:
     from wire.hosts import Host
 
     name = options.host or around.name or f"{socket.gethostname()}-{os.getpid()}"
-    host = Host(secrets.token_hex(4), name, nodes, listen, label=options.label or around.label)
+    start = secrets.token_hex(4)
+    host = Host(
+        start if identity is None else identity.host_id(start), name, nodes, listen, label=options.label or around.label
+    )
     limits = EvaluationLimits(options.eval_timeout, options.node_memory)
     HostZygote(
         cluster,
@@ -89,5 +97,6 @@ def run(options: argparse.Namespace) -> int:
         force=options.force,
         node_timeout=options.node_timeout,
         limits=limits,
+        identity=identity,
     ).run()
     return exits.OK

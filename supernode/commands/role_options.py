@@ -7,10 +7,14 @@ wins.
 import argparse
 import os
 import signal
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
+
+from supernode.commands.cluster_options import add_keys
 
 if TYPE_CHECKING:
     from problems.modules import Modules
+    from wire.members import Identity
 
 _CLUSTER = "main"  # a router has one cluster unless several are named, so most need no name
 
@@ -36,19 +40,23 @@ def variable_of(name: str) -> str:
 
 def add_membership(parser: argparse.ArgumentParser) -> None:
     """Add the options that name the cluster of the process."""
-    add_option(parser, "connect", "the router's endpoint, such as tcp/192.168.1.7:7447", metavar="ENDPOINT")
+    add_option(parser, "connect", "the router's endpoint, such as tls/192.168.1.7:7447", metavar="ENDPOINT")
+    add_keys(parser)
     add_option(parser, "cluster", f"the cluster's name, if the router has several ({_CLUSTER})", default=_CLUSTER)
 
 
 def add_trust(parser: argparse.ArgumentParser) -> None:
     """Add the options for the cluster's secret, and for the users' modules that the process may run."""
-    file = "the cluster's secret, the same for coordinator, spy and nodes; made if missing (in the user's state folder)"
+    file = (
+        "the cluster's secret, the same for coordinator, spy and nodes; made if missing (that of the keys, else in the"
+    )
+    file += " user's state folder)"
     add_option(parser, "secret-file", file, metavar="FILE")
     add_option(parser, "allow-module", "let jobs use problems from this module of yours (none)", metavar="M")
 
 
-def secret_of(options: argparse.Namespace) -> bytes:
-    """Return the cluster's secret.
+def secret_of(options: argparse.Namespace, identity: "Identity | None") -> bytes:
+    """Return the cluster's secret: from the file that is named, else that of the keys, else the user's.
 
     Raises:
         BadInput: if its file cannot be made or read, or holds no secret.
@@ -56,8 +64,11 @@ def secret_of(options: argparse.Namespace) -> bytes:
     from pathlib import Path
 
     from supernode.client.cluster_info import default_folder
+    from supernode.files.key_folder import secret_in
     from supernode.files.secret_file import read_or_make
 
+    if identity is not None and not options.secret_file:
+        return secret_in(identity)
     return read_or_make(Path(options.secret_file) if options.secret_file else default_folder() / "secret")
 
 
@@ -66,6 +77,38 @@ def modules_of(options: argparse.Namespace) -> "Modules":
     from problems.modules import Modules
 
     return Modules((options.allow_module or "").split())
+
+
+def add_insecure(parser: "argparse._ActionsContainer") -> None:
+    """Add the option that lets a process listen without keys."""
+    parser.add_argument(
+        "--insecure",
+        action="store_true",
+        default=bool(os.environ.get("SUPERNODE_INSECURE")),
+        help="listen at plain endpoints of a network: whoever reaches them can use, and misuse, the cluster"
+        " [SUPERNODE_INSECURE]",
+    )
+
+
+def check_listen(endpoints: Iterable[str], has_keys: bool, insecure: bool) -> None:
+    """Check that strangers cannot use what listens at these endpoints, unless the user allows it.
+
+    Raises:
+        BadInput: if an endpoint does not fit the keys, or needs some.
+    """
+    from problems.errors import BadInput
+    from wire.sessions import is_encrypted, is_plain_abroad
+
+    for each in endpoints:
+        if is_encrypted(each) and not has_keys:
+            raise BadInput(f"--listen: {each}: expected --keys DIR too; `supernode keys init DIR` makes keys")
+        if has_keys and not is_encrypted(each) and not each.startswith("unixsock"):
+            raise BadInput(f"--listen: expected tls/ADDRESS:PORT or quic/ADDRESS:PORT with --keys, found {each}")
+        if not has_keys and not insecure and is_plain_abroad(each):
+            raise BadInput(
+                f"--listen: {each}: whoever reaches it could use the cluster; expected tls/ADDRESS:PORT with --keys DIR"
+                " (`supernode keys init DIR` makes keys), or --insecure in a network of trusted people alone"
+            )
 
 
 def endpoint_of(options: argparse.Namespace, name: str = "connect") -> str:

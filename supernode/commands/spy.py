@@ -9,6 +9,7 @@ import os
 from typing import TYPE_CHECKING
 
 from supernode import exits
+from supernode.commands.cluster_options import identity_of
 from supernode.commands.dashboard_options import add_dashboard
 from supernode.commands.role_options import (
     add_membership,
@@ -49,13 +50,15 @@ def run(options: argparse.Namespace) -> int:
     from pathlib import Path
 
     _check_state(options.state is None, "expected --dashboard too")
-    router, cluster, secret = endpoint_of(options), cluster_of(options), secret_of(options)
+    router, cluster, identity = endpoint_of(options), cluster_of(options), identity_of(options, "spy")
+    secret = secret_of(options, identity)
     from coordinator.launch.imports import import_all
     from node.node_config import NodeConfig
     from spy.process import watch
 
     import_all()
-    watch(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options), secrets.token_hex(4)))
+    host = secrets.token_hex(4)
+    watch(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options), host, identity=identity))
     return exits.OK
 
 
@@ -76,7 +79,7 @@ def _place_of(options: argparse.Namespace) -> "Place":
     if options.connect is None:
         return Place.of_folder(options.state)
     _check_state(options.state is None, "expected none with --connect")
-    return Place.at(options.connect, cluster=cluster_of(options))
+    return Place.at(options.connect, cluster=cluster_of(options), identity=identity_of(options, "dashboard"))
 
 
 def _check_state(is_right: bool, expected: str) -> None:

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 from supernode import exits
 from supernode.commands.checkpoint_options import add_checkpoint
-from supernode.commands.cluster_options import add_evaluation_limits, add_force, add_node_timeout
+from supernode.commands.cluster_options import add_evaluation_limits, add_force, add_keys, add_node_timeout, identity_of
 from supernode.commands.dashboard_options import add_dashboard
-from supernode.commands.role_options import add_log_json
+from supernode.commands.role_options import add_insecure, add_log_json, check_listen
 from supernode.commands.run_options import torus, whole
 
 if TYPE_CHECKING:
@@ -35,9 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ENDPOINT",
         action="append",
         default=[],
-        help="let clients connect here too, such as tcp/0.0.0.0:7447 (by default only by a private Unix socket; with"
+        help="let clients connect here too, such as tls/0.0.0.0:7447 (by default only by a private Unix socket; with"
         " --on ssh at a free port)",
     )
+    add_keys(parser)
+    add_insecure(parser)
     parser.add_argument("--state", metavar="DIR", help="the state folder (the user's default one)")
     parser.add_argument("--database", metavar="URL", help="keep the jobs in this database, not in the state folder")
     parser.add_argument("--max-queue", metavar="N", type=whole, help="refuse jobs when this many wait (no limit)")
@@ -80,5 +82,27 @@ def _keep_up(options: argparse.Namespace, ready: "Ready", log_to: "Callable[[Pat
 
     folder = Place.of_folder(options.state).folder
     assert folder is not None
+    identity = identity_of(options, "router")
+    check_listen(options.listen, identity is not None, options.insecure)
+    if options.on is not None:
+        _check_engine(options)
     folder = folder.absolute()
-    Supervisor(launch_request_of(options, folder)).run(folder, ready, lambda: log_to(folder / "up.log"))
+    request = launch_request_of(options, folder, None if identity is None else identity.folder)
+    Supervisor(request).run(folder, ready, lambda: log_to(folder / "up.log"))
+
+
+def _check_engine(options: argparse.Namespace) -> None:
+    """Check that the user knows what the processes of an engine's cluster listen to.
+
+    Raises:
+        BadInput: if not.
+    """
+    from problems.errors import BadInput
+
+    if options.keys is not None:
+        raise BadInput("--keys: expected none with --on; docs/containers.md starts the processes one by one, with keys")
+    if not options.insecure:
+        raise BadInput(
+            f"--on {options.on}: its processes are linked by plain TCP: whoever reaches them could use the cluster;"
+            " expected --insecure, in a network of trusted people alone"
+        )

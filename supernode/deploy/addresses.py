@@ -24,11 +24,11 @@ def own_endpoint(listen: str, router: str) -> str:
     Raises:
         BadInput: if ``listen`` has no address and port.
     """
-    found = re.fullmatch(r"tcp/(.+):([1-9]\d{0,4})", listen)
+    found = re.fullmatch(r"(tcp|tls)/(.+):([1-9]\d{0,4})", listen)
     if found is None:
-        raise BadInput(f"--listen: expected tcp/ADDRESS:PORT, found {listen}")
-    address, port = found.groups()
-    return f"tcp/{own_address(router) if address == '0.0.0.0' else address}:{port}"
+        raise BadInput(f"--listen: expected tls/ADDRESS:PORT or tcp/ADDRESS:PORT, found {listen}")
+    protocol, address, port = found.groups()
+    return f"{protocol}/{own_address(router) if address == '0.0.0.0' else address}:{port}"
 
 
 def own_address(router: str) -> str:

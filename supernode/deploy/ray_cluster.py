@@ -179,7 +179,7 @@ class RayCluster(EngineCluster):
     def _start(self, group: Any, nodes: int, options: Sequence[str]) -> None:
         """Start router, coordinator and spy at the first place of the group."""
         port = self._at(group, free_port)
-        router = self._actor(group, 0, "router", "--listen", f"tcp/0.0.0.0:{port}")
+        router = self._actor(group, 0, "router", "--insecure", "--listen", f"tcp/0.0.0.0:{port}")
         self.connect = f"tcp/{self._ray.get(router.address.remote())}:{port}"
         self._port = port + 1  # agents may share a machine, so each gets ports of its own
         self._coordinator = self._actor(group, 0, "coordinator", *self._member(), "--nodes", str(nodes), *options)
@@ -188,7 +188,7 @@ class RayCluster(EngineCluster):
     def _add_agents(self, group: Any, shares: Sequence[int]) -> None:
         """Start an agent with its share of nodes at each place of a group."""
         for place, share in enumerate(shares):
-            where = ("--host", f"agent-{self._agents}", "--listen", f"tcp/<ADDRESS>:{self._port}")
+            where = ("--insecure", "--host", f"agent-{self._agents}", "--listen", f"tcp/<ADDRESS>:{self._port}")
             options = (*where, *self._agent_options)
             self._actor(group, place, "node", *self._member(), "--nodes", str(share), *options)
             # Modulo: so many agents are not on one machine.

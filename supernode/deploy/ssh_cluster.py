@@ -156,7 +156,7 @@ class SshCluster(EngineCluster):
         member = ("--connect", self.connect, *self._trust)
         known = ("--secret-file", str(file))
         for command in (
-            ("router", "--listen", " ".join(self._listen)),
+            ("router", "--insecure", "--listen", " ".join(self._listen)),
             ("coordinator", *member, *known, "--nodes", str(self.nodes), *options),
             ("spy", *member, *known),
         ):
@@ -164,7 +164,13 @@ class SshCluster(EngineCluster):
             self._here.append(_KeptAlive([sys.executable, "-m", "supernode", *command], ends=ends))
         ports: dict[str, int] = defaultdict(lambda: first_port)  # by machine
         for number, (host, share) in enumerate(zip(self._hosts, given, strict=True)):
-            where = ("--host", f"{_name_of(host)}-{number}", "--listen", f"tcp/0.0.0.0:{ports[_name_of(host)]}")
+            where = (
+                "--insecure",
+                "--host",
+                f"{_name_of(host)}-{number}",
+                "--listen",
+                f"tcp/0.0.0.0:{ports[_name_of(host)]}",
+            )
             agent = ("node", *member, "--nodes", str(share), *where, "--lifeline", *agent_options)
             remote = shlex.join([sys.executable, "-m", "supernode", *agent])
             self._agents.append(_KeptAlive([*_SSH, f"ssh://{host}", f"exec {remote}"], secret))

@@ -106,13 +106,21 @@ class Authority:
             raise BadInput(f"{name}: expected a new name, found a member; `supernode keys renew` makes its key anew")
         return self._issue(Member(name, role, tuple(may), addresses=tuple(addresses)), days)
 
-    def renew(self, name: str, days: float) -> Member:
+    def renew(self, name: str, days: float | None) -> Member:
         """Make a member's key and certificate anew, and return the member.
+
+        Args:
+            name: the member's name.
+            days: how long they are valid; None: as long as those before.
 
         Raises:
             BadInput: if there is no such member.
         """
-        return self._issue(self._member(name), days)
+        member = self._member(name)
+        if days is None:
+            before = x509.load_pem_x509_certificate((self.folder / name / CERTIFICATE).read_bytes())
+            days = (before.not_valid_after_utc - before.not_valid_before_utc - _CLOCKS_DIFFER) / timedelta(days=1)
+        return self._issue(member, days)
 
     def revoke(self, name: str) -> None:
         """Strike a member off the list: the router lets it do nothing any more.

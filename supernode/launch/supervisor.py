@@ -75,8 +75,13 @@ class Up:
     processes: Callable[[], Mapping[str, int]] = dict
 
 
-def launch_request_of(options: argparse.Namespace, folder: Path) -> LaunchRequest:
-    """Check the options of `up` and return the request for a cluster in the state folder ``folder``.
+def launch_request_of(options: argparse.Namespace, folder: Path, keys: Path | None) -> LaunchRequest:
+    """Check the options of `up` and return the request for a cluster in a state folder.
+
+    Args:
+        options: the options.
+        folder: the state folder.
+        keys: the router's key folder; None for a cluster without keys.
 
     Raises:
         BadInput: if an option is wrong.
@@ -100,6 +105,7 @@ def launch_request_of(options: argparse.Namespace, folder: Path) -> LaunchReques
         eval_timeout=options.eval_timeout,
         node_memory=options.node_memory,
         checkpoint_every=options.checkpoint,
+        keys=keys,
     )
     return LaunchRequest(_topology(options), service, wanted_address(options), options.force, options.on)
 

@@ -145,6 +145,7 @@ class JoinedCluster(Cluster):
                 host.host,
                 self.keys,
                 self.router,
+                None,
                 Seal(self._secret),
                 partial(self._fork_nodes, host),
                 leaves=host.is_leaving,

@@ -44,8 +44,8 @@ class Zenoh:
         assert process is not None, "only a process opens sessions"
         return process
 
-    def client(self, endpoint: str) -> Session:
-        """Instead of `wire.sessions.client`."""
+    def client(self, endpoint: str, identity: None = None) -> Session:
+        """Instead of `wire.sessions.client`; nobody shows certificates here."""
         world = self._network.world
         session = Session(self._network, self._process(), [], [endpoint])
         until = world.now + _OPENED_WITHIN
@@ -53,8 +53,8 @@ class Zenoh:
             world.sleep(1e-3)
         return session
 
-    def peer(self, listen: list[str], links: list[str]) -> Session:
-        """Instead of `wire.sessions.peer`."""
+    def peer(self, listen: list[str], links: list[str], identity: None = None, access: None = None) -> Session:
+        """Instead of `wire.sessions.peer`; nobody shows certificates here."""
         session = Session(self._network, self._process(), listen, links, is_peer=True)
         self._network.world.spend(DECLARE)
         return session

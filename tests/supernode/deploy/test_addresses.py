@@ -52,5 +52,7 @@ def test_a_host_tells_the_address_from_which_it_speaks_to_the_router(router, net
 
 def test_an_address_that_is_named_is_told_as_it_is():
     assert own_endpoint("tcp/192.168.1.8:7450", "tcp/127.0.0.1:7447") == "tcp/192.168.1.8:7450"
-    with pytest.raises(BadInput, match=r"--listen: expected tcp/ADDRESS:PORT, found tcp/0\.0\.0\.0:0"):
+    with pytest.raises(
+        BadInput, match=r"--listen: expected tls/ADDRESS:PORT or tcp/ADDRESS:PORT, found tcp/0\.0\.0\.0:0"
+    ):
         own_endpoint("tcp/0.0.0.0:0", "tcp/127.0.0.1:7447")

@@ -72,7 +72,7 @@ def test_a_machine_goes_and_the_job_goes_on(machines, tmp_path):
 def test_up_and_down(machines, tmp_path):
     cluster, _ = machines
     before = supernodes()
-    command = ["up", "--on", "ray", "--nodes", "8", "--state", str(tmp_path), "--detach"]
+    command = ["up", "--on", "ray", "--nodes", "8", "--state", str(tmp_path), "--detach", "--insecure"]
     told = {"RAY_ADDRESS": cluster.address, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, "-m", "supernode", *command], env=os.environ | told, capture_output=True, text=True, check=True

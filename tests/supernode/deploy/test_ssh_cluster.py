@@ -84,7 +84,7 @@ def test_a_cluster_on_two_hosts_gives_what_a_simulation_gives_and_mends_itself(h
 
 
 def test_up_and_down(host, tmp_path, capsys):
-    command = ["up", "--on", f"ssh://{host}", "--torus", "2x2", "--state", str(tmp_path), "--detach"]
+    command = ["up", "--on", f"ssh://{host}", "--torus", "2x2", "--state", str(tmp_path), "--detach", "--insecure"]
     done = subprocess.run([sys.executable, "-m", "supernode", *command], cwd=ROOT, capture_output=True, check=True)
     assert done.stdout.startswith(b"up: 4 nodes (torus 2x2) on ssh://")
     with supernode.connect(tmp_path) as client:
@@ -95,7 +95,7 @@ def test_up_and_down(host, tmp_path, capsys):
 
 
 def test_nothing_is_left_when_the_lifeline_is_killed(host, tmp_path):
-    command = ["up", "--on", f"ssh://{host}", "--nodes", "1", "--state", str(tmp_path)]
+    command = ["up", "--on", f"ssh://{host}", "--nodes", "1", "--state", str(tmp_path), "--insecure"]
     process = subprocess.Popen([sys.executable, "-m", "supernode", *command], cwd=ROOT, stdout=subprocess.PIPE)
     assert process.stdout.readline().startswith(b"up: 1 nodes (torus 1x1) on ssh://")
     assert agents()
@@ -125,5 +125,5 @@ def test_a_machine_without_ssh_is_told_what_to_install(monkeypatch):
 
 @pytest.mark.parametrize("engine", ["moon", "ssh://", "ray://"])
 def test_an_engine_that_is_not_known_is_refused(engine, tmp_path, capsys):
-    assert main(["up", "--on", engine, "--state", str(tmp_path)]) == 2
+    assert main(["up", "--on", engine, "--insecure", "--state", str(tmp_path)]) == 2
     assert f"--on: expected ray, ray://HEAD:10001 or ssh://HOST,HOST, found '{engine}'" in capsys.readouterr().err
