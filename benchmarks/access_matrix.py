@@ -12,7 +12,7 @@ import argparse
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -204,7 +204,9 @@ def authority() -> Iterator[Path]:
         yield made.folder
 
 
-def through_the_router(folder: Path, link: str) -> Table:
+def through_the_router(
+    folder: Path, link: str, roles: Iterable[str] = ROLES, messages: Collection[str] = ALLOWED.keys()
+) -> Table:
     """Return what passes through a router over a kind of link."""
     router = Identity.read(folder / "router")
     local = sessions.unix_socket(folder, "router")
@@ -214,21 +216,21 @@ def through_the_router(folder: Path, link: str) -> Table:
         listen = {local, endpoint}
         stack.enter_context(closing(sessions.router(listen, router, access.of_the_router(router.members()))))
         trusted = stack.enter_context(closing(sessions.client(local)))
-        for role in ROLES:
+        for role in roles:
             with closing(sessions.visitor(endpoint, _WITHIN, Identity.read(folder / role))) as trying:
                 meeting = _Meeting(trying, trusted, role, in_order=link != "quic")
-                for message, allowed in ALLOWED.items():
-                    table[link, message, role] = meeting.passes(message, role in allowed)
+                for message in messages:
+                    table[link, message, role] = meeting.passes(message, role in ALLOWED[message])
     return table
 
 
-def directly(folder: Path, link: str) -> Table:
+def directly(folder: Path, link: str, roles: Iterable[str] = ROLES) -> Table:
     """Return what passes over a direct link to node 0, which expects node 3 of the host ``node`` there."""
     here = Identity.read(folder / "node")
     local = sessions.unix_socket(folder, "n0")
     table: Table = {}
     first = free_port()
-    for number, role in enumerate(ROLES):
+    for number, role in enumerate(roles):
         endpoint = f"{link}/127.0.0.1:{first + number}"  # another one each time: QUIC frees a port late
         listening = sessions.peer([local, endpoint], [], here, access.of_links("c1", {"node": [3]}))
         with closing(listening), closing(sessions.peer([], [endpoint], Identity.read(folder / role))) as trying:

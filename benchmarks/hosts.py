@@ -1,12 +1,14 @@
 """Spread a torus over hosts in network namespaces; compare it with one host, and with the simulator bit for bit.
 
 Usage: python -m benchmarks.hosts [--torus 8x8] [--nodes 24,24,16] [--generations 2000] [--mode lockstep]
-                                  [--delay MS] [--loss PERCENT]
+                                  [--delay MS] [--loss PERCENT] [--keys TURNS]
 
 Each host is an agent (`supernode node`) in a network namespace of its own, with an address on a bridge between them.
 Router, coordinator and spy are on the first host. With --delay and --loss, which hold for what each host sends to
 others, a relay (`benchmarks.relay`) takes the bridge's place; a line without delay and loss then shows what the relay
 itself costs. A delay of 50 ms makes a round trip of 100 ms. It needs root, and the program ip (Debian: iproute2).
+
+With --keys the hosts are measured by plain TCP and by TLS with keys of `supernode keys`, in so many turns.
 """
 
 from __future__ import annotations
@@ -26,6 +28,8 @@ from typing import Any
 import supernode
 from benchmarks.namespaces import Namespaces
 from coordinator.cpu_time import cpu_seconds_of
+from supernode.files.authority import Authority
+from wire.jobs import RIGHTS
 
 _PROBLEM = 'kind = "function"\nname = "rastrigin"\ndimension = 20\n[run]\ntarget = -1.0\nseed = 1\n'
 _READY_WITHIN = 120.0  # seconds
@@ -38,26 +42,46 @@ class Hosts:
         namespaces: one for each host.
         nodes: how many nodes each host has.
         folder: for the secret, the store and the problem file.
+        has_keys: whether all links are encrypted, and each process shows a certificate.
     """
 
-    def __init__(self, namespaces: Namespaces, nodes: list[int], folder: Path) -> None:
-        self._namespaces, self._nodes, self._folder = namespaces, nodes, folder
-        self.connect = f"tcp/{namespaces.addresses[0]}:7447"
+    def __init__(self, namespaces: Namespaces, nodes: list[int], folder: Path, has_keys: bool = False) -> None:
+        self._namespaces, self._nodes, self._folder, self._has_keys = namespaces, nodes, folder, has_keys
+        self._protocol = "tls" if has_keys else "tcp"
+        self.connect = f"{self._protocol}/{namespaces.addresses[0]}:7447"
         self._agents: list[subprocess.Popen[bytes]] = []
+        if has_keys:
+            self._make_keys()
+
+    def _make_keys(self) -> None:
+        authority = Authority.make(self._folder / "keys")
+        for role in ("coordinator", "spy"):
+            authority.add(role, role, (), 1.0, ())
+        authority.add("router", "router", (), 1.0, self._namespaces.addresses[:1])
+        authority.add("client", "client", RIGHTS, 1.0, ())
+        for host, address in enumerate(self._namespaces.addresses):
+            authority.add(f"host{host}", "node", (), 1.0, (address,))
+
+    def _trust(self, member: str) -> tuple[str, ...]:
+        """Return the options by which a process knows others, and is known by them."""
+        if self._has_keys:
+            return "--keys", str(self._folder / "keys" / member)
+        return ("--insecure",) if member == "router" else ("--secret-file", str(self._folder / "secret"))
 
     @contextlib.contextmanager
     def up(self) -> Iterator[None]:
         """Start all processes, wait until all nodes have joined, and end them at last."""
         with contextlib.ExitStack() as stack:
-            member = ("--connect", self.connect, "--secret-file", str(self._folder / "secret"))
-            self._start(stack, 0, "router", "--insecure", "--listen", self.connect)
-            state = str(self._folder / "state")
-            self._start(stack, 0, "coordinator", *member, "--nodes", str(sum(self._nodes)), "--state", state)
-            self._start(stack, 0, "spy", *member)
+            member = ("--connect", self.connect)
+            self._start(stack, 0, "router", "--listen", self.connect, *self._trust("router"))
+            state = ("--nodes", str(sum(self._nodes)), "--state", str(self._folder / "state"))
+            self._start(stack, 0, "coordinator", *member, *self._trust("coordinator"), *state)
+            self._start(stack, 0, "spy", *member, *self._trust("spy"))
             for host, nodes in enumerate(self._nodes):
-                listen = f"tcp/{self._namespaces.addresses[host]}:7450"
-                options = ("--nodes", str(nodes), "--insecure", "--listen", listen, "--host", f"host{host}")
-                self._agents.append(self._start(stack, host, "node", *member, *options))
+                listen = f"{self._protocol}/{self._namespaces.addresses[host]}:7450"
+                insecure = () if self._has_keys else ("--insecure",)
+                options = ("--nodes", str(nodes), *insecure, "--listen", listen, "--host", f"host{host}")
+                self._agents.append(self._start(stack, host, "node", *member, *self._trust(f"host{host}"), *options))
             self._wait()
             yield
 
@@ -80,7 +104,8 @@ class Hosts:
 
     def ask(self, *arguments: str) -> dict[str, Any] | None:
         """Return what a client's command prints as JSON; None if it fails."""
-        command = [sys.executable, "-m", "supernode", *arguments, "--connect", self.connect]
+        trust = self._trust("client") if self._has_keys else ()
+        command = [sys.executable, "-m", "supernode", *arguments, "--connect", self.connect, *trust]
         ran = subprocess.run(self._namespaces.command(0, command), capture_output=True, check=False)
         try:
             found: dict[str, Any] = json.loads(ran.stdout)
@@ -104,14 +129,18 @@ def processes_below(process: int) -> list[int]:
 
 
 def measured(
-    options: argparse.Namespace, nodes: list[int], file: Path, relay: tuple[float, float] | None
+    options: argparse.Namespace,
+    nodes: list[int],
+    file: Path,
+    relay: tuple[float, float] | None = None,
+    has_keys: bool = False,
 ) -> dict[str, Any]:
     """Return the result of a run on hosts, with ``cpu``, seconds of CPU of the agents."""
     with (
         tempfile.TemporaryDirectory() as folder,
         Namespaces(len(nodes), relay) as namespaces,
     ):
-        hosts = Hosts(namespaces, nodes, Path(folder))
+        hosts = Hosts(namespaces, nodes, Path(folder), has_keys)
         with hosts.up():
             settings = ("--torus", options.torus, "--generations", str(options.generations), "--mode", options.mode)
             hosts.ask("solve", str(file), *settings, "--json", "--quiet")  # links are made, caches filled
@@ -125,13 +154,14 @@ def measured(
 
 def main() -> None:
     """Measure on one host and on several, and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--torus", default="8x8", help="its size")
     parser.add_argument("--nodes", default="24,24,16", help="of each host")
     parser.add_argument("--generations", type=int, default=2000)
     parser.add_argument("--mode", choices=("lockstep", "async"), default="lockstep")
     parser.add_argument("--delay", type=float, default=0.0, help="ms, of what a host sends to others")
     parser.add_argument("--loss", type=float, default=0.0, help="per cent of packets")
+    parser.add_argument("--keys", type=int, default=0, metavar="TURNS", help="measure by TCP and TLS in turns")
     options = parser.parse_args()
     nodes = [int(each) for each in options.nodes.split(",")]
     if os.geteuid() != 0:
@@ -141,8 +171,11 @@ def main() -> None:
         file.write_text(_PROBLEM, encoding="utf-8")
         print("| hosts | generations/s | CPU, µs per cell and generation | lost messages | history_sha256 |")
         print("|---|---:|---:|---:|---|")
-        _show("1", measured(options, [sum(nodes)], file, None))
-        _show(f"{len(nodes)}", measured(options, nodes, file, None))
+        _show("1", measured(options, [sum(nodes)], file))
+        _show(f"{len(nodes)}", measured(options, nodes, file))
+        for _ in range(options.keys):
+            _show(f"{len(nodes)}, TCP", measured(options, nodes, file))
+            _show(f"{len(nodes)}, TLS", measured(options, nodes, file, has_keys=True))
         if options.delay or options.loss:
             _show(f"{len(nodes)}, relay", measured(options, nodes, file, (0.0, 0.0)))
             relay = options.delay / 1e3, options.loss / 1e2
@@ -152,7 +185,7 @@ def main() -> None:
             plan = supernode.load(str(file)).with_run(
                 topology=f"torus {options.torus}", generations=options.generations, seed=2
             )
-            print(f"| simulated | | | | {supernode.simulate(plan).history_sha256[:16]} |")
+            print(f"| simulated | | | | {str(supernode.simulate(plan).history_sha256)[:16]} |")
 
 
 def _show(hosts: str, result: dict[str, Any]) -> None:
