@@ -2,7 +2,9 @@
 
 from coordinator.launch.refusals import Refusals
 
-_ABOUT = "\x1b[2m2026-11-27T06:58:06Z\x1b[0m \x1b[35mTRACE\x1b[0m rx-0 ThreadId({}) \x1b[2mzenoh::net::routing::interceptor"
+_ABOUT = (
+    "\x1b[2m2026-11-27T06:58:06Z\x1b[0m \x1b[35mTRACE\x1b[0m rx-0 ThreadId({}) \x1b[2mzenoh::net::routing::interceptor"
+)
 _WHO = "b361 on Interface(lo)+CertCommonName(anna)+Transport(Tls)+b361 is unauthorized to Put (ingress) on k/best"
 INTERCEPTED = _ABOUT.format("09") + "\x1b[0m\x1b[2m:\x1b[0m Msg intercepted!"
 UNAUTHORIZED = _ABOUT.format("09") + f"::access_control\x1b[0m\x1b[2m:\x1b[0m {_WHO}"
