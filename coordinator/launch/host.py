@@ -149,7 +149,7 @@ class HostZygote(Zygote):
     def _is_the_end(self, name: str, status: int) -> bool:
         code = os.WEXITSTATUS(status) if name == _AGENT and os.WIFEXITED(status) else None
         self._is_drained = code == DRAINED
-        return code in (_REFUSED, DRAINED) or self._dies_too_often()
+        return code in (_REFUSED, DRAINED) or self._deaths.are_too_many(len(self.children))
 
     def _fork_again(self, name: str) -> None:
         if name == _AGENT:
@@ -169,7 +169,7 @@ class HostZygote(Zygote):
             self.modules,
             self._host.id,
             self._core_tokens,
-            self._crashes.get(f"node {node}", ""),
+            self._deaths.crash_of(f"node {node}"),
             self._limits,
             self._identity,
         )

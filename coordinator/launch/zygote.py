@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coordinator.errors import ClusterFailed
+from coordinator.launch.deaths import Deaths, how
 from coordinator.launch.folders import make_folder
 from coordinator.launch.imports import import_all
 from coordinator.launch.lifeline import at_end, comes_first, end_with_the_caller, first_line
@@ -44,10 +45,6 @@ if TYPE_CHECKING:
     from problems.modules import Modules
 
 _DOWN = 100  # exit status of a coordinator that a client told to end the cluster
-_LATELY = 60.0  # seconds in which deaths are counted
-_MOST_DEATHS = 20  # allowed besides one for each process; beyond that something is wrong that no new process mends
-_LONG_LIFE = 2.0  # seconds; a node that has lived so long has most likely begun a job
-_CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT, signal.SIGALRM}
 _WAKING = {signal.SIGCHLD, signal.SIGIO}  # a child has died; standard input has ended
 _MOVED_FROM = 256  # nodes: with fewer, moving memory to files takes longer than the forks that it makes quicker
 
@@ -123,9 +120,7 @@ class Zygote:
         self.children: dict[int, str] = {}  # running children, process id to name
         self._core_tokens: CoreTokens = {}
         self._nothing = os.open(os.devnull, os.O_RDWR)
-        self._born: dict[int, float] = {}  # by process, when it was forked, on the monotonic clock
-        self._crashes: dict[str, str] = {}  # by name, the signal by which its process crashed last
-        self._deaths: list[float] = []  # times of recent deaths, on the monotonic clock
+        self._deaths = Deaths(folder)
 
     def run(self) -> None:
         """Fork all processes, then wait for the end of the caller or the death of a child; kill all at the end."""
@@ -252,7 +247,7 @@ class Zygote:
 
         router = sessions.unix_socket(self.folder, "router")
         common = (self.folder, router, self.secret, self.modules)
-        crash = self._crashes.get(f"node {node}", "")
+        crash = self._deaths.crash_of(f"node {node}")
         tokens, limits = self._core_tokens, self._limits
         return NodeConfig(self.cluster, node, topology, *common, core_tokens=tokens, crash=crash, limits=limits)
 
@@ -269,7 +264,7 @@ class Zygote:
             raise ClusterFailed(f"{name} could not be forked: {error.strerror}") from error
         if process != 0:
             self.children[process] = name
-            self._born[process] = time.monotonic()
+            self._deaths.note_birth(process)
             return
         try:
             _be_a_child(parent, name, self._nothing)
@@ -292,12 +287,12 @@ class Zygote:
                 continue
             name = self.children.pop(process, None)  # None: an orphan, if this is process 1 of a container
             if name is not None:
-                self._note_death(process, name, status)
+                self._deaths.note(process, name, status)
                 if self._is_the_end(name, status):
                     return True
-                self._log("warning", f"{name} {_how(status)}: another one takes its place", self.name, name)
+                self._log("warning", f"{name} {how(status)}: another one takes its place", self.name, name)
                 self._fork_again(name)
-                self._tell_processes(f"{name} {_how(status)}")
+                self._tell_processes(f"{name} {how(status)}")
         for process in self._stopped.dead():
             self._log("warning", f"{self.children[process]} has been stopped for too long", self.name)
             os.kill(process, signal.SIGKILL)
@@ -321,29 +316,10 @@ class Zygote:
         if self.service is not None and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _DOWN:
             _tell({"down": name})
             return True
-        if not self._replaces or self._dies_too_often():
-            _tell({"failed": f"{name} {_how(status)}"})
+        if not self._replaces or self._deaths.are_too_many(len(self.children)):
+            _tell({"failed": f"{name} {how(status)}"})
             return True
         return False
-
-    def _note_death(self, process: int, name: str, status: int) -> None:
-        """Note whether a process has crashed, and its death, unless a job's code is the cause."""
-        now, born = time.monotonic(), self._born.pop(process)
-        crash = os.WTERMSIG(status) if os.WIFSIGNALED(status) and os.WTERMSIG(status) in _CRASHES else None
-        self._crashes[name] = "" if crash is None else signal.Signals(crash).name
-        self._deaths = [each for each in self._deaths if now - each < _LATELY]
-        if crash is None or not self._is_fault_of_a_job(name, now - born):
-            self._deaths.append(now)
-
-    def _is_fault_of_a_job(self, name: str, life: float) -> bool:
-        """Return whether what crashed was most likely a job's code, which the job's conductor counts."""
-        from node.suspects import evaluates
-
-        kind, _, number = name.partition(" ")
-        return kind == "node" and (life >= _LONG_LIFE or evaluates(self.folder, int(number)))
-
-    def _dies_too_often(self) -> bool:
-        return len(self._deaths) > len(self.children) + _MOST_DEATHS
 
     def _fork_again(self, name: str) -> None:
         """Fork a process in the place of a dead one.
@@ -387,12 +363,6 @@ def _be_a_child(parent: int, name: str, nothing: int) -> None:
     os.dup2(nothing, 0)
     os.dup2(nothing, 1)  # else the caller could not see the end of the zygote's output while a child runs
     os.close(nothing)
-
-
-def _how(status: int) -> str:
-    if os.WIFSIGNALED(status):
-        return f"killed by {signal.Signals(os.WTERMSIG(status)).name}"
-    return f"ended with exit status {os.WEXITSTATUS(status)}"
 
 
 def _tell(event: dict[str, Any]) -> None:

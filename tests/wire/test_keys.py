@@ -9,7 +9,9 @@ import zenoh
 from wire.keys import PREFIX, Keys
 
 HOSTS = ("h1", "a-host")
-NAMES = {"process": (1, 4711, "1-h1", "4711-h1", "1-a-host"), "host": HOSTS}
+CLIENTS, RIGHTS = ("anna", "bob"), ("watch", "submit")
+STATIC = ("life_of", "host_of_life", "crash_of_life", "asker_of")
+NAMES = {"client": CLIENTS, "right": RIGHTS, "process": (1, 4711, "1-h1", "4711-h1", "1-a-host"), "host": HOSTS}
 
 
 def all_keys(cluster="c1", nodes=(0, 1, 12)):
@@ -17,7 +19,7 @@ def all_keys(cluster="c1", nodes=(0, 1, 12)):
     keys = Keys(cluster)
     found = {}
     for name in dir(Keys):
-        if name.startswith(("_", "any_", "every_")) or name in ("cluster", "life_of", "host_of_life", "crash_of_life"):
+        if name.startswith(("_", "any_", "every_")) or name in ("cluster", *STATIC):
             continue
         value = getattr(keys, name)
         if callable(value):
@@ -57,6 +59,7 @@ def test_patterns_match_what_they_are_for_and_nothing_else():
     assert matching(keys.any_stats) == {("stats", 0), ("stats", 1), ("stats", 12)}
     assert matching(keys.any_life) == {("life", *each) for each in itertools.product((0, 1, 12), NAMES["process"])}
     assert matching(keys.any_spy_life) == {("spy_life", process) for process in NAMES["process"]}
+    assert matching(keys.any_request) == {("requests", *each) for each in itertools.product(CLIENTS, RIGHTS)}
     assert matching(keys.any_host) == {("host", host) for host in HOSTS}
     assert matching(keys.every_control) == {("control", 0), ("control", 1), ("control", 12)}
 
