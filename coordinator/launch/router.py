@@ -24,7 +24,9 @@ _LOOK_AGAIN = 0.5  # seconds between two looks whether the keys or the list of m
 _SAME_PORT_WITHIN = 10.0  # seconds in which a port is free again that this process had
 
 
-def route(endpoints: Sequence[str], ready: int, lines: LogLines, identity: Identity | None = None) -> None:
+def route(
+    endpoints: Sequence[str], ready: int, identity: Identity | None = None, lines: LogLines | None = None
+) -> None:
     """Run a router for everything that connects to one of the ``endpoints``, until the process is killed.
 
     With an identity it lets members of the cluster do only what their roles and rights allow, and strangers nothing
@@ -33,8 +35,9 @@ def route(endpoints: Sequence[str], ready: int, lines: LogLines, identity: Ident
     Args:
         endpoints: Zenoh endpoints to listen at.
         ready: a descriptor that gets one byte, ``!``, when the router listens.
-        lines: the log. What was refused goes to the cluster's log, which the coordinator keeps.
         identity: who the router shows itself to be on encrypted links. None: whoever reaches it may do everything.
+        lines: where to log that keys were read anew; stderr if None. What was refused is published, as part of the
+            cluster's log, which the coordinator keeps.
 
     Raises:
         ClusterFailed: if the router cannot listen there.
@@ -42,7 +45,7 @@ def route(endpoints: Sequence[str], ready: int, lines: LogLines, identity: Ident
     _, most_files = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most_files, most_files))  # each node takes one; the default is 1024
     sessions.use_runtime(sessions.ROUTER_RUNTIME)
-    router = _Router(endpoints, lines, identity)
+    router = _Router(endpoints, identity, lines)
     router.open()
     os.write(ready, b"!")
     os.close(ready)
@@ -57,7 +60,7 @@ class _Router:
     """The router's session.
 
     Args:
-        endpoints, lines, identity: see `route`.
+        endpoints, identity, lines: see `route`.
 
     Attributes:
         session: the session.
@@ -65,7 +68,7 @@ class _Router:
 
     session: zenoh.Session
 
-    def __init__(self, endpoints: Sequence[str], lines: LogLines, identity: Identity | None) -> None:
+    def __init__(self, endpoints: Sequence[str], identity: Identity | None, lines: LogLines | None) -> None:
         self._endpoints = endpoints
         self._lines = lines
         self._identity = identity
@@ -119,7 +122,8 @@ class _Router:
                 time.sleep(0.05)
 
     def _log(self, level: str, text: str) -> None:
-        self._lines.write(LogRecord(level, "router", text, time.time()))
+        lines = self._lines or LogLines("*")
+        lines.write(LogRecord(level, "router", text, time.time()))
 
     def _publish(self, text: str) -> None:
         """Publish a warning in the log of each cluster that the router serves. On the thread that reads refusals."""

@@ -214,7 +214,7 @@ class Zygote:
 
             os.close(ready)
             try:
-                route(listen, tell, self._log_lines(), self._identity)
+                route(listen, tell, self._identity, self._log_lines())
             except ClusterFailed as error:
                 os.write(tell, str(error).encode())
 

@@ -18,6 +18,7 @@ from coordinator.store.record_book import Keep
 from node.node_config import NodeConfig
 from wire.keys import Keys
 from wire.seal import Seal
+from wire.sessions import is_plain_abroad
 
 
 def coordinate(config: NodeConfig, options: Mapping[str, Any], first: bool) -> None:
@@ -40,7 +41,9 @@ def coordinate(config: NodeConfig, options: Mapping[str, Any], first: bool) -> N
         eval_timeout=options["eval_timeout"] or EVAL_TIMEOUT,
     )
     keep = Keep(options["keep_days"], options["keep_records"])
-    how = Options(cells, url, keep, options["log_json"], checkpoint_every=options["checkpoint_every"])
+    unprotected = tuple(each for each in options["listen"] if is_plain_abroad(each))
+    every = options["checkpoint_every"]
+    how = Options(cells, url, keep, options["log_json"], checkpoint_every=every, unprotected=unprotected)
     run(config, how, make_dispatcher)
 
 

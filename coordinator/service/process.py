@@ -61,6 +61,7 @@ class Options:
         checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
         host_timeout: how many seconds a host may stay away until it counts as gone, if nodes join.
         joined: whether router, spy and nodes were started separately, so that they stay when the coordinator ends.
+        unprotected: endpoints of a network where whoever reaches them can use the cluster.
     """
 
     nodes: int
@@ -72,6 +73,7 @@ class Options:
     checkpoint_every: float | None = CHECKPOINT_EVERY
     host_timeout: float = HOST_TIMEOUT
     joined: bool = False
+    unprotected: tuple[str, ...] = ()
 
 
 def run(config: NodeConfig, options: Options, make_dispatcher: MakeJobRunner) -> None:
@@ -133,6 +135,7 @@ class Service:
             self._publish,
             options.checkpoint_every,
             ends="coordinator" if options.joined else "cluster",
+            unprotected=options.unprotected,
         )
 
     def serve(self) -> None:

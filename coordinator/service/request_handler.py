@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Literal
 
@@ -62,6 +62,7 @@ class RequestHandler:
         publish: called with each new job's first states.
         checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
         ends: what ends when a client sends `Down`: the cluster, or only the coordinator.
+        unprotected: endpoints of a network where whoever reaches them can use the cluster.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class RequestHandler:
         publish: Callable[[JobState], None],
         checkpoint_every: float | None = CHECKPOINT_EVERY,
         ends: Literal["cluster", "coordinator"] = "cluster",
+        unprotected: Sequence[str] = (),
     ) -> None:
         self._cluster = cluster
         self._store = store
@@ -85,6 +87,7 @@ class RequestHandler:
         self._publish = publish
         self._checkpoint_every = checkpoint_every
         self._ends = ends
+        self._unprotected = unprotected
         self._began = time.time()
         self._handed_over: set[int] = set()  # numbers of the jobs that the dispatcher has
 
@@ -104,6 +107,9 @@ class RequestHandler:
 
         A running job that cannot be taken over is queued again; one past its deadline ends without a result.
         """
+        for endpoint in self._unprotected:
+            text = f"whoever reaches {endpoint} can use, and misuse, this cluster: see docs/security.md"
+            self._recorder.logged(log_record("warning", text, None))
         unended = self._store.unended()
         living = [job for job in unended if job.status in (*LIVING, "deadline") and job.nodes]
         adopted = {job.number for job in living if self._adopted(job)}
@@ -307,6 +313,7 @@ class RequestHandler:
             "nodes": self._dispatcher.nodes(),
             "placements": self._dispatcher.placements(),
             "jobs": self._store.counts(),
+            "unprotected": list(self._unprotected),
         }
 
 

@@ -65,11 +65,13 @@ def run(options: argparse.Namespace) -> int:
     from coordinator.service.process import Options
     from coordinator.store.record_book import Keep
     from node.node_config import NodeConfig
+    from wire.sessions import is_plain_abroad
 
     import_all()
     keep, limits = Keep(keep_days, keep_records), (most_nodes, options.eval_timeout or EVAL_TIMEOUT, options.checkpoint)
     host_timeout = options.host_timeout or HOST_TIMEOUT
-    how = Options(nodes, database, keep, options.log_json, *limits, host_timeout=host_timeout)
+    unprotected = (router,) if is_plain_abroad(router) else ()
+    how = Options(nodes, database, keep, options.log_json, *limits, host_timeout=host_timeout, unprotected=unprotected)
     config = NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options), identity=identity)
     preside(config, how, max_queue)
     return exits.OK

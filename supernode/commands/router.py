@@ -34,11 +34,10 @@ def run(options: argparse.Namespace) -> int:
     check_listen(endpoints, identity is not None, options.insecure)
     prepare_process()
     from coordinator.launch.router import route
-    from coordinator.log_lines import LogLines
     from wire import sessions
 
     with contextlib.suppress(KeyboardInterrupt):
         if identity is not None:
             sessions.log_refusals()
-        route(endpoints, os.open(os.devnull, os.O_WRONLY), LogLines("*"), identity)
+        route(endpoints, os.open(os.devnull, os.O_WRONLY), identity)
     return exits.OK

@@ -87,6 +87,7 @@ class View:
         jobs: the newest jobs, newest last.
         counts: how many jobs are in each state.
         placements: how jobs are spread over hosts, as `status` has it.
+        unprotected: endpoints where whoever reaches them can use the cluster.
         statistics: the latest statistics of each job that is followed, by the job's number.
     """
 
@@ -97,6 +98,7 @@ class View:
         self.jobs: Sequence[Mapping[str, Any]] = ()
         self.counts: Mapping[str, int] = {}
         self.placements: Sequence[Mapping[str, Any]] = []
+        self.unprotected: Sequence[str] = []
         self.statistics: dict[int, Statistics] = {}
         self._best: dict[int, Heard] = {}
         self._improved = 0  # improvements received
@@ -169,6 +171,7 @@ class View:
         """Take the answer to `status`: which nodes there are; one that has just come may not be among them yet."""
         self.cluster, self.counts = status["cluster"], status["jobs"]
         self.placements = status.get("placements", [])
+        self.unprotected = status.get("unprotected", [])
         listed = {each["node"]: each for each in status["nodes"]}
         for number in self._nodes.keys() - listed.keys():
             if self._nodes[number].process is None:
@@ -229,6 +232,7 @@ class View:
             "jobs": list(self.jobs),
             "counts": dict(self.counts),
             "placements": list(self.placements),
+            "unprotected": list(self.unprotected),
             "statistics": {number: each._asdict() for number, each in self.statistics.items()},
             "lines": list(self._lines),
         }

@@ -27,6 +27,7 @@ function show(snapshot) {
   latest = snapshot;
   nodes = snapshot.nodes;
   const states = (name) => nodes.state.filter((state) => state === name).length;
+  showUnprotected(snapshot.unprotected);
   showFacts(byId("facts"), {
     nodes: nodes.node.length - states("absent"), alive: states("alive"), dead: states("dead"), joining: states("joining"),
     ...Object.fromEntries(Object.entries(snapshot.counts).map(([status, count]) => [`jobs ${status}`, count])),
@@ -37,6 +38,13 @@ function show(snapshot) {
   if (snapshot.stirred && byId("all").open) showTable();
   showLines(snapshot.lines);
   if (chosen !== null) showNode();
+}
+
+function showUnprotected(endpoints) {
+  const note = byId("unprotected");
+  note.hidden = endpoints.length === 0;
+  const text = `Not protected: whoever reaches ${endpoints.join(" or ")} can use, and misuse, this cluster.`;
+  if (!note.hidden && note.textContent !== text) note.textContent = text;
 }
 
 function spreadOf({ hosts, crossing, edges }) {
