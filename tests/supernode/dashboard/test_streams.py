@@ -115,6 +115,18 @@ def test_there_is_a_most(shown, monkeypatch):
     until(lambda: shown.streams.count == 0)
 
 
+def test_one_address_does_not_take_up_all(shown, monkeypatch):
+    monkeypatch.setattr(streams, "MOST_OF_ONE", 2)
+    with listen(shown) as one, listen(shown) as two:
+        first_event(one), first_event(two)
+        status, _, text = shown.ask("GET", "/events")
+        assert (status, text) == (429, "this address has 2 streams already\n")
+    until(lambda: shown.streams.count == 0)
+    assert shown.streams._of == {}
+    with listen(shown) as again:
+        first_event(again)
+
+
 @pytest.fixture
 def _hasty(monkeypatch):
     monkeypatch.setattr(listen_address, "_STALLED_MS", 1000)
