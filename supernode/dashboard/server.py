@@ -14,8 +14,9 @@ from starlette.responses import JSONResponse, Response
 from coordinator.errors import ClusterFailed
 from problems import BadInput
 from supernode.client.cluster_info import Place
-from supernode.dashboard import data, login, pages
+from supernode.dashboard import connections, data, login, pages
 from supernode.dashboard.certificate import check_certificate
+from supernode.dashboard.connections import Connection
 from supernode.dashboard.credentials import Credentials
 from supernode.dashboard.ending import CancellableApp, Server
 from supernode.dashboard.guard import Guard
@@ -24,7 +25,6 @@ from supernode.dashboard.shared import Dashboard
 from wire import jobs as wire
 
 NICENESS = 5  # of the dashboard's process: nodes come first
-_MOST_CONNECTIONS = 400
 
 
 def application(
@@ -92,7 +92,8 @@ def serve(
         log_level="error",
         access_log=False,
         server_header=False,
-        limit_concurrency=_MOST_CONNECTIONS,
+        http=Connection,
+        limit_concurrency=connections.MOST,
         timeout_graceful_shutdown=1,
         ws="none",
         proxy_headers=False,
