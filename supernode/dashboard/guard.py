@@ -44,8 +44,8 @@ _HTTPS_FROM_NOW_ON = "max-age=31536000"  # seconds, a year
 class Guard:
     """Refuses requests that are not allowed, and tells browsers what the pages may load and do.
 
-    It tells the application in the scope what the visitor may do (``access``), and whether by a session that can be
-    ended (``logged_in``).
+    It tells the application in the scope what the visitor may do (``access``), whether by a session that can be ended
+    (``logged_in``), and by a function whether that still holds (``is_still_allowed``).
 
     Args:
         app: the application to guard.
@@ -116,7 +116,9 @@ class Guard:
             return _without_access(scope, headers)
         if access == "read" and scope["method"] not in _HARMLESS and scope["path"] != LOGOUT:
             return PlainTextResponse("refused: this token is for reading only\n", 403)
+        cookie = cookie_in(headers)
         scope["access"], scope["logged_in"] = access, logged_in
+        scope["is_still_allowed"] = lambda: not logged_in or self._credentials.access_of_session(cookie) is not None
         return None
 
     def _own_names(self) -> set[str]:

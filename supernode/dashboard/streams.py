@@ -70,7 +70,7 @@ class Streams:
                 before.set_result(_Event.of(news))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send events to one browser until it disconnects."""
+        """Send events to one browser until it disconnects or is logged out."""
         if self.count >= MOST:
             await PlainTextResponse(f"there are {MOST} streams already\n", 503)(scope, receive, send)
             return
@@ -85,7 +85,7 @@ class Streams:
             await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
             event = _Event.of(self._snapshot())
             sent: Mapping[int, Heard] = {}
-            while not gone.done():
+            while not gone.done() and scope["is_still_allowed"]():
                 before, sent = sent, self._improvements()
                 news = [_improvement_event(each) for job, each in sent.items() if before.get(job) is not each]
                 body = b"".join(news) + (event.brief if briefly else event.whole)
