@@ -4,7 +4,7 @@ import argparse
 
 
 def add_dashboard(parser: argparse.ArgumentParser) -> None:
-    """Add where the dashboard listens, and the file of the token that visitors need."""
+    """Add where the dashboard listens, the tokens that visitors need, and the certificate that they see."""
     parser.add_argument(
         "--dashboard",
         metavar="ADDRESS",
@@ -13,5 +13,13 @@ def add_dashboard(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dashboard-token-file",
         metavar="FILE",
-        help="the token that browsers need; required if other machines can reach ADDRESS",
+        help="a line for each token that lets visitors in, with the word read if they may only look; required if other"
+        " machines can reach ADDRESS, as are the next two",
+    )
+    parser.add_argument("--dashboard-cert", metavar="FILE", help="speak TLS with this certificate, in PEM")
+    parser.add_argument("--dashboard-key", metavar="FILE", help="the private key of the certificate, in PEM")
+    parser.add_argument(
+        "--dashboard-insecure",
+        action="store_true",
+        help="let other machines reach ADDRESS without TLS, such as a proxy that adds it",
     )

@@ -9,6 +9,7 @@ import time
 
 import uvicorn
 
+from problems.errors import BadInput
 from supernode.client.cluster_info import Place
 from supernode.dashboard.listen_address import ListenAddress
 from supernode.dashboard.server import NICENESS, serve
@@ -22,7 +23,10 @@ def main() -> None:
     os.nice(NICENESS)
     sock = socket.socket(fileno=config["socket"])  # inherited, and listening already
     place, listen_address = Place.at(config["endpoint"]), ListenAddress(**config["listen_address"])
-    serve(place, listen_address, sock, _tie_to_parent, single=config["single"])
+    try:
+        serve(place, listen_address, sock, _tie_to_parent, single=config["single"])
+    except BadInput as error:
+        sys.exit(f"error: {error}")
 
 
 def _tie_to_parent(server: uvicorn.Server) -> None:

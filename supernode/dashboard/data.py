@@ -22,6 +22,7 @@ from supernode.dashboard.shared import dashboard_of
 from supernode.live.view import shape_of, wraps
 from wire import jobs as wire
 
+_MOST_BODY = wire.MOST_FILE_BYTES
 _MOST_NAME = 200  # characters
 _MOST_SEED = (1 << 64) - 1
 _MOST_RECORD = 1 << 62
@@ -108,7 +109,7 @@ async def _bodies(request: Request) -> Response:
 
 async def _submit(request: Request) -> Response:
     """Submit a problem file with settings that replace those in it; empty fields replace nothing."""
-    given = {field: value for field, value in (await fields_of(request)).items() if value not in (None, "")}
+    given = {field: value for field, value in (await fields_of(request, _MOST_BODY)).items() if value not in (None, "")}
     unknown = given.keys() - _FIELDS
     if unknown:
         raise BadInput(f"expected {', '.join(_FIELDS)}, found {shorten(min(unknown))}")

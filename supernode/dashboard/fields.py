@@ -14,18 +14,16 @@ from problems import BadInput
 from problems.errors import shorten
 from wire import jobs as wire
 
-MOST_BODY = wire.MOST_FILE_BYTES  # bytes
 
-
-async def fields_of(request: Request) -> dict[str, Any]:
-    """Return the fields of a form or of a JSON object.
+async def fields_of(request: Request, most: int) -> dict[str, Any]:
+    """Return the fields of a form or of a JSON object, of at most ``most`` bytes.
 
     Raises:
         BadInput: if it is neither.
         HTTPException: if it is of another kind, or too large.
     """
     kind = request.headers.get("content-type", "").partition(";")[0].strip()
-    body = await _body(request)
+    body = await _body(request, most)
     try:
         if kind == "application/x-www-form-urlencoded":
             return dict(parse_qsl(body.decode(), keep_blank_values=True, strict_parsing=True, max_num_fields=16))
@@ -39,12 +37,12 @@ async def fields_of(request: Request) -> dict[str, Any]:
     return given
 
 
-async def _body(request: Request) -> bytes:
+async def _body(request: Request, most: int) -> bytes:
     body = bytearray()
     async for part in request.stream():
         body += part
-        if len(body) > MOST_BODY:
-            raise HTTPException(413, f"expected at most {MOST_BODY} bytes")
+        if len(body) > most:
+            raise HTTPException(413, f"expected at most {most} bytes")
     return bytes(body)
 
 

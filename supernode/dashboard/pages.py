@@ -19,7 +19,7 @@ from problems.registry import kinds
 from supernode.dashboard.packing import COMPRESSION, answer_of
 
 _HERE = Path(__file__).parent
-_templates = Jinja2Templates(_HERE / "templates")
+templates = Jinja2Templates(_HERE / "templates")
 
 
 def routes(single: bool) -> list[Route | Mount]:
@@ -36,8 +36,14 @@ def routes(single: bool) -> list[Route | Mount]:
 
 def _page(name: str, single: bool) -> Callable[[Request], Awaitable[Response]]:
     async def page(request: Request) -> Response:
-        told = {"job": request.path_params.get("job"), "kinds": kinds(), "single": single}
-        return _templates.TemplateResponse(request, name, told)
+        told = {
+            "job": request.path_params.get("job"),
+            "kinds": kinds(),
+            "single": single,
+            "access": request.scope["access"],
+            "logged_in": request.scope["logged_in"],
+        }
+        return templates.TemplateResponse(request, name, told)
 
     return page
 

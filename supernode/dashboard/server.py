@@ -14,7 +14,10 @@ from starlette.responses import JSONResponse, Response
 from coordinator.errors import ClusterFailed
 from problems import BadInput
 from supernode.client.cluster_info import Place
-from supernode.dashboard import data, pages
+from supernode.dashboard import connections, data, login, pages
+from supernode.dashboard.certificate import check_certificate
+from supernode.dashboard.connections import Connection
+from supernode.dashboard.credentials import Credentials
 from supernode.dashboard.ending import CancellableApp, Server
 from supernode.dashboard.guard import Guard
 from supernode.dashboard.listen_address import ListenAddress
@@ -22,15 +25,17 @@ from supernode.dashboard.shared import Dashboard
 from wire import jobs as wire
 
 NICENESS = 5  # of the dashboard's process: nodes come first
-_MOST_CONNECTIONS = 400
 
 
-def application(place: Place, single: bool, broke: Callable[[BaseException], None]) -> Starlette:
+def application(
+    place: Place, single: bool, credentials: Credentials, broke: Callable[[BaseException], None]
+) -> Starlette:
     """Return the ASGI application behind the guard.
 
     Args:
         place: where the cluster is.
         single: whether the cluster has one run and ends with it.
+        credentials: who may log in.
         broke: called with an error that ends the background work: from then on all pages would be frozen.
     """
 
@@ -52,7 +57,7 @@ def application(place: Place, single: bool, broke: Callable[[BaseException], Non
         dashboard.scenes.close()
 
     return Starlette(
-        routes=[*pages.routes(single), *data.routes()],
+        routes=[*pages.routes(single), *login.routes(credentials), *data.routes()],
         exception_handlers={BadInput: _bad_input, ClusterFailed: _cluster_failed, HTTPException: _http},
         lifespan=lifespan,
     )
@@ -68,23 +73,33 @@ def serve(
     """Serve on ``sock`` until a signal; raise the error if the background work of the pages breaks.
 
     ``end`` receives the server before it runs, so that something other than a signal can end it.
+
+    Raises:
+        BadInput: if the certificate cannot be used.
     """
+    if listen_address.certificate is not None and listen_address.key is not None:
+        check_certificate(listen_address.certificate, listen_address.key)  # the files may have changed meanwhile
     broken: list[BaseException] = []
 
     def give_up(error: BaseException) -> None:
         broken.append(error)
         server.should_exit = True
 
-    app = CancellableApp(Guard(application(place, single, give_up), listen_address))
+    credentials = Credentials(listen_address.tokens, listen_address.session_key)
+    app = CancellableApp(Guard(application(place, single, credentials, give_up), listen_address, credentials))
     config = uvicorn.Config(
         app,
         log_level="error",
         access_log=False,
         server_header=False,
-        limit_concurrency=_MOST_CONNECTIONS,
+        http=Connection,
+        limit_concurrency=connections.MOST,
         timeout_graceful_shutdown=1,
         ws="none",
         proxy_headers=False,
+        ssl_certfile=listen_address.certificate,
+        ssl_keyfile=listen_address.key,
+        ssl_ciphers=None,  # Python's own choice; uvicorn's was weaker
     )
     server = Server(app, config)
     if end is not None:

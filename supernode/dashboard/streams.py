@@ -10,6 +10,7 @@ each browser. One that reads slowly misses improvements of a job, but never the 
 
 import asyncio
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,9 +20,11 @@ from urllib.parse import parse_qs
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
+from supernode.dashboard.limits import subscriber
 from supernode.live.view import Heard
 
 MOST = 100  # streams at once
+MOST_OF_ONE = 60  # streams at once of one address, so that none takes up all
 PERIOD = 1.0  # seconds between two events; nodes report their counters no more often
 _KEPT = 64  # encoded improvements that are kept for the other browsers
 _HEADERS = [
@@ -50,7 +53,12 @@ class Streams:
         self._news = news
         self._improvements = improvements
         self._latest: asyncio.Future[_Event] = asyncio.get_running_loop().create_future()  # of the next event
-        self.count = 0
+        self._of: Counter[str] = Counter()  # streams of each address
+
+    @property
+    def count(self) -> int:
+        """How many streams there are."""
+        return self._of.total()
 
     async def run(self) -> None:
         """Publish updates until cancelled; take none while nobody watches."""
@@ -62,18 +70,22 @@ class Streams:
                 before.set_result(_Event.of(news))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send events to one browser until it disconnects."""
+        """Send events to one browser until it disconnects or is logged out."""
         if self.count >= MOST:
             await PlainTextResponse(f"there are {MOST} streams already\n", 503)(scope, receive, send)
             return
-        self.count += 1
+        address = subscriber(scope["client"][0])
+        if self._of[address] >= MOST_OF_ONE:
+            await PlainTextResponse(f"this address has {MOST_OF_ONE} streams already\n", 429)(scope, receive, send)
+            return
+        self._of[address] += 1
         briefly = parse_qs(scope["query_string"]).get(b"nodes") == [b"0"]
         gone = asyncio.create_task(_until_gone(receive))
         try:
             await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
             event = _Event.of(self._snapshot())
             sent: Mapping[int, Heard] = {}
-            while not gone.done():
+            while not gone.done() and scope["is_still_allowed"]():
                 before, sent = sent, self._improvements()
                 news = [_improvement_event(each) for job, each in sent.items() if before.get(job) is not each]
                 body = b"".join(news) + (event.brief if briefly else event.whole)
@@ -82,7 +94,8 @@ class Streams:
                 event = await asyncio.shield(self._latest)
         finally:
             gone.cancel()
-            self.count -= 1
+            self._of[address] -= 1
+            self._of += Counter()  # keeps only what is above 0
 
 
 async def _until_gone(receive: Receive) -> None:

@@ -130,12 +130,19 @@ def wanted_address(options: argparse.Namespace) -> "ListenAddress | None":
         BadInput: if the dashboard cannot listen there.
     """
     if options.dashboard is None:
-        if options.dashboard_token_file is not None:
-            raise BadInput("--dashboard-token-file: expected --dashboard too")
+        for name in ("token_file", "cert", "key", "insecure"):
+            if getattr(options, f"dashboard_{name}"):
+                raise BadInput(f"--dashboard-{name.replace('_', '-')}: expected --dashboard too")
         return None
     from supernode.dashboard.listen_address import listen_address_of
 
-    return listen_address_of(options.dashboard, options.dashboard_token_file)
+    return listen_address_of(
+        options.dashboard,
+        options.dashboard_token_file,
+        options.dashboard_cert,
+        options.dashboard_key,
+        options.dashboard_insecure,
+    )
 
 
 def check_keep(days: float, records: int) -> tuple[float, int]:

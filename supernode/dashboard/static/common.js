@@ -99,7 +99,15 @@ export function follow(show, { nodes }) {
 
   function fail() {
     say("lost", "dashboard away");
-    if (source.readyState === EventSource.CLOSED) timer = setTimeout(open, TROUBLED); // refused: no browser retries
+    if (source.readyState !== EventSource.CLOSED) return;
+    timer = setTimeout(open, TROUBLED); // refused: no browser retries
+    sayIfLoggedOut();
+  }
+
+  // The page is not reloaded by itself: somebody may be filling in its form.
+  async function sayIfLoggedOut() {
+    const answer = await fetch("/jobs", { method: "HEAD" }).catch(() => null);
+    if (answer?.status === 401) say("lost", "logged out: reload this page");
   }
 
   function open() {

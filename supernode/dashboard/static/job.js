@@ -79,9 +79,9 @@ function showJob() {
     ...(job.message && { message: job.message }),
     ...(result?.advice?.length && { "what to turn": result.advice.join("; ") }),
   });
-  if (byId("cancel").dataset.status !== status) announce(`job ${id} is ${status}`);
-  byId("cancel").dataset.status = status;
-  byId("cancel").hidden = hasEnded(status);
+  if (byId("job").dataset.status !== status) announce(`job ${id} is ${status}`);
+  byId("job").dataset.status = status;
+  if (byId("cancel")) byId("cancel").hidden = hasEnded(status);
   setText(byId("scene-title"), `${found()} so far`);
   scene.show(JSON.stringify(answer === null ? [job.epoch] : [answer.epoch, answer.fitness, job.epoch]));
   byId("solution").parentElement.hidden = answer === null;
@@ -210,7 +210,7 @@ const asDataUrl = (blob) => new Promise((done, fail) => {
   reader.readAsDataURL(blob);
 });
 
-byId("cancel").addEventListener("click", async () => {
+byId("cancel")?.addEventListener("click", async () => {
   try {
     await postJson(`${address}/cancel`, {});
   } catch (error) {

@@ -2,7 +2,7 @@
 
 import { announce, ask, byId, follow, hasEnded, make, moment, number, postJson, setText } from "./common.js";
 
-const rows = new Map();
+const rows = new Map(), mayCancel = document.body.dataset.access === "full";
 
 function show(snapshot) {
   byId("none").hidden = snapshot.jobs.length > 0;
@@ -17,16 +17,20 @@ function show(snapshot) {
 function newRow(id) {
   const box = make("input", { type: "checkbox", value: id, "aria-label": `choose ${id}` });
   const link = make("a", { href: `/jobs/${encodeURIComponent(id)}` }, id);
-  const cancel = make("button", { type: "button", "aria-label": `cancel ${id}` }, "Cancel");
-  cancel.addEventListener("click", () => attempt(() => postJson(`/api/jobs/${encodeURIComponent(id)}/cancel`, {})));
   const cells = Array.from({ length: 9 }, () => make("td"));
   cells[0].append(box);
   cells[1].append(link);
-  cells[8].append(cancel);
+  if (mayCancel) cells[8].append(newCancel(id));
   cells[3].className = "wrap";
   const row = make("tr", {}, ...cells);
   rows.set(id, row);
   return row;
+}
+
+function newCancel(id) {
+  const cancel = make("button", { type: "button", "aria-label": `cancel ${id}` }, "Cancel");
+  cancel.addEventListener("click", () => attempt(() => postJson(`/api/jobs/${encodeURIComponent(id)}/cancel`, {})));
+  return cancel;
 }
 
 function update(row, job, now) {
@@ -35,7 +39,7 @@ function update(row, job, now) {
   const texts = [job.kind, status, number(job.fitness), number(job.cells), moment(job.submitted), `${took.toFixed(1)} s`];
   texts.forEach((text, index) => setText(row.children[index + 2], text));
   row.children[3].dataset.state = job.status;
-  row.children[8].firstChild.hidden = hasEnded(job.status);
+  if (mayCancel) row.children[8].firstChild.hidden = hasEnded(job.status);
 }
 
 // Does some work and returns whether it succeeded; if not, the page says why.
@@ -81,5 +85,5 @@ function prepareForm(form) {
   addEventListener("pageshow", () => { button.disabled = false; }); // the page may come from the back/forward cache
 }
 
-if (byId("submit")) prepareForm(byId("submit")); // the page of a single run has no form
+if (byId("submit")) prepareForm(byId("submit")); // a single run takes no jobs, and who may only look submits none
 follow(show, { nodes: false });

@@ -4,7 +4,11 @@ import contextlib
 import http.client
 import json
 import queue
+import shutil
+import ssl
+import subprocess
 import threading
+from urllib.parse import urlencode
 
 import pytest
 from live_service import until
@@ -15,11 +19,13 @@ from supernode.dashboard.server import serve
 
 
 class Shown:
-    """A dashboard that serves in a thread."""
+    """A dashboard that serves in a thread; over TLS if it has a certificate and a key."""
 
-    def __init__(self, endpoint, token=None):
-        listen_address = ListenAddress("127.0.0.1", 0, token)
+    def __init__(self, endpoint, tokens=None, certificate=None, key=None):
+        listen_address = ListenAddress("127.0.0.1", 0, tokens or {}, certificate, key)
+        self._trust = None if certificate is None else ssl.create_default_context(cafile=certificate)
         self.socket = listen_address.listen()
+        self.home = listen_address.address(self.socket)
         self.port = self.socket.getsockname()[1]
         servers = queue.SimpleQueue()
         arguments = (Place.at(endpoint), listen_address, self.socket, servers.put)
@@ -32,6 +38,10 @@ class Shown:
         return until(lambda: getattr(self._server.config.app.app.app.state, "dashboard", None))
 
     @property
+    def credentials(self):
+        return self._server.config.app.app._credentials
+
+    @property
     def streams(self):
         return self.dashboard.streams
 
@@ -41,7 +51,10 @@ class Shown:
 
     def ask(self, method, path, body=None, **headers):
         """Status, headers and text of the answer; the path goes out as it is."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        if self._trust is None:
+            connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        else:
+            connection = http.client.HTTPSConnection("127.0.0.1", self.port, timeout=20, context=self._trust)
         with contextlib.closing(connection):
             connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
             answer = connection.getresponse()
@@ -49,6 +62,11 @@ class Shown:
 
     def post(self, path, value, **headers):
         return self.ask("POST", path, json.dumps(value), **({"Content_Type": "application/json"} | headers))
+
+    def log_in(self, token, **headers):
+        """Status, headers and text of the answer to the form of the login page."""
+        form = {"Content_Type": "application/x-www-form-urlencoded"}
+        return self.ask("POST", "/login", urlencode({"token": token}), **(form | headers))
 
     def json(self, path):
         """The answer of a dashboard that has found its cluster."""
@@ -67,8 +85,8 @@ def show_at():
     """Starts a dashboard of the cluster at an endpoint."""
     with contextlib.ExitStack() as stack:
 
-        def start(endpoint, token=None):
-            shown = Shown(endpoint, token)
+        def start(endpoint, *arguments):
+            shown = Shown(endpoint, *arguments)
             stack.callback(shown.close)
             return shown
 
@@ -77,13 +95,31 @@ def show_at():
 
 @pytest.fixture
 def show(service, show_at):
-    """Starts a dashboard of the played cluster; call it with a token, or without."""
-    return lambda token=None: show_at(service.endpoint, token)
+    """Starts a dashboard of the played cluster; call it with tokens and a certificate, or without."""
+    return lambda *arguments: show_at(service.endpoint, *arguments)
 
 
 @pytest.fixture
 def shown(show):
     return show()
+
+
+def self_signed(folder, name="tls"):
+    """The files of a new certificate for this machine and of its key."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl on this machine (Debian: apt-get install openssl)")
+    certificate, key = folder / f"{name}.pem", folder / f"{name}-key.pem"
+    command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
+    command += ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1", "-days", "2"]
+    command += ["-out", certificate, "-keyout", key]
+    subprocess.run(command, check=True, capture_output=True)
+    return str(certificate), str(key)
+
+
+@pytest.fixture
+def certified(tmp_path):
+    """Makes certificates; call it with a name for each further one."""
+    return lambda *name: self_signed(tmp_path, *name)
 
 
 @pytest.fixture

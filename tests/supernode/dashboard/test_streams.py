@@ -115,6 +115,33 @@ def test_there_is_a_most(shown, monkeypatch):
     until(lambda: shown.streams.count == 0)
 
 
+def test_news_end_with_the_session(show, monkeypatch):
+    monkeypatch.setattr(streams, "PERIOD", 0.01)
+    shown = show({"s3cret-s3cret-s3cret": "read"})
+    cookie = shown.log_in("s3cret-s3cret-s3cret")[1]["Set-Cookie"].partition(";")[0]
+    monkeypatch.setattr(shown.streams, "_news", lambda: {"rows": 1})
+    host = f"Host: localhost:{shown.port}\r\nCookie: {cookie}\r\n".encode()
+    with listen(shown, ask=ASK.replace(b"Host: localhost\r\n", host)) as sock:
+        news = named_events(sock)
+        next(news), next(news)
+        assert shown.ask("POST", "/logout", "", Cookie=cookie)[0] == 303
+        for _ in news:  # until they end
+            pass
+    until(lambda: shown.streams.count == 0)
+
+
+def test_one_address_does_not_take_up_all(shown, monkeypatch):
+    monkeypatch.setattr(streams, "MOST_OF_ONE", 2)
+    with listen(shown) as one, listen(shown) as two:
+        first_event(one), first_event(two)
+        status, _, text = shown.ask("GET", "/events")
+        assert (status, text) == (429, "this address has 2 streams already\n")
+    until(lambda: shown.streams.count == 0)
+    assert shown.streams._of == {}
+    with listen(shown) as again:
+        first_event(again)
+
+
 @pytest.fixture
 def _hasty(monkeypatch):
     monkeypatch.setattr(listen_address, "_STALLED_MS", 1000)
