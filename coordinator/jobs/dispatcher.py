@@ -127,8 +127,8 @@ class Dispatcher:
         with self._lock:
             if self._failure is not None:
                 raise ClusterFailed(self._failure)
-            priority = spec.priority
-            self._scheduler.add(spec.number, topology.cells, topology.spec, priority, accepted_before=accepted_before)
+            wants = topology.cells, topology.spec, spec.priority, spec.client
+            self._scheduler.add(spec.number, *wants, accepted_before=accepted_before)
             self.jobs[spec.number] = job
         self.hooks.changed(spec.number, "queued", ())  # before `_start`: its conductor reports the next state
         self._set_deadline(spec)

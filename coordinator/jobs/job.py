@@ -99,7 +99,7 @@ class JobSpec:
         file: the problem file, with the settings of the run.
         log: the path of the run log; None for no log.
         job: the job's id; empty in a `LocalCluster`, where results show the number instead.
-        priority: jobs of a higher priority start earlier.
+        priority: of one client's jobs, those of a higher priority start earlier.
         submitted: when the job was submitted, on the monotonic clock; its deadline counts from then.
         past: the sum of its earlier epochs, if the job begins again because no node is left that has its demes.
         best: the best verified answer that it had then, to the problem of ``file``.
@@ -109,6 +109,7 @@ class JobSpec:
         keep_checkpoint: keeps a checkpoint; raises OSError if it cannot.
         say: writes a line to the log of the cluster.
         least_improvement: the least improvement that gets a line in the run log, as a share of the fitness before.
+        client: the name of the client that submitted it.
     """
 
     number: int
@@ -125,6 +126,7 @@ class JobSpec:
     keep_checkpoint: Callable[[Checkpoint], None] = lambda _: None
     say: Callable[[str], None] = lambda _: None
     least_improvement: float = LEAST
+    client: str = ""
 
 
 @dataclass(frozen=True)

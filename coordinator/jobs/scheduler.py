@@ -1,14 +1,16 @@
 """Decide which job runs next, and on which nodes: a queue and the free nodes, without any input, output or clock.
 
 A job starts when it is at the head of the queue and enough nodes are free. A job that does not fit yet holds back those
-behind it: otherwise small jobs could overtake a large one for ever. Free nodes that are wired for the same topology
-already are preferred, since they need no new links; otherwise those whose wiring has been out of use the longest. Nodes
-on several hosts are chosen on few of them, and each host gets a block of the topology.
+behind it: otherwise small jobs could overtake a large one for ever. Clients take turns: the next job is that of the
+client whose latest job has started the longest ago, and of its jobs the one with the highest priority.
+
+Free nodes that are wired for the same topology already are preferred, since they need no new links; otherwise those
+whose wiring has been out of use the longest. Nodes on several hosts are chosen on few of them, and each host gets a
+block of the topology.
 
 Not thread-safe: the dispatcher calls it while it holds its lock.
 """
 
-import bisect
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
@@ -35,7 +37,7 @@ class Placed(NamedTuple):
 
 
 class _Waiting(NamedTuple):
-    """A job in the queue; the order of these tuples is the order of the queue."""
+    """A job in the queue; the order of these tuples is that of one client's jobs."""
 
     behind: int  # the negative priority
     number: int
@@ -59,7 +61,7 @@ class Scheduler:
 
     Args:
         nodes: the number of nodes, numbered from 0; or, if they are still to `join`, the least number expected.
-        max_queue: how many jobs may wait for nodes; None for any number.
+        max_queue: how many jobs of one client may wait for nodes; None for any number.
         joining: whether the nodes are still to join.
         place_of: where a node's host is, such as ``block/rack/host``; see `coordinator.jobs.blocks`.
     """
@@ -76,7 +78,9 @@ class Scheduler:
         self._expected = nodes
         self._here = set() if joining else set(range(nodes))
         self.max_queue = max_queue
-        self._queue: list[_Waiting] = []  # sorted
+        self._queues: dict[str, list[_Waiting]] = {}  # by client, sorted; none is empty
+        self._turns: dict[str, int] = {}  # by client that has a job waiting, when its latest job started
+        self._starts = itertools.count()
         self._busy: dict[int, tuple[int, ...]] = {}  # job to nodes, also to nodes that have left
         self._free = set(self._here)  # the nodes that are here and busy with no job
         self._leaving: set[int] = set()  # nodes that no further job gets, and whose cells move away
@@ -92,7 +96,12 @@ class Scheduler:
     @property
     def queued(self) -> tuple[int, ...]:
         """The jobs that wait, the next one first."""
-        return tuple(waiting.number for waiting in self._queue)
+        in_turns = sorted(
+            (rank, self._turns[client], waiting.number)
+            for client, queue in self._queues.items()
+            for rank, waiting in enumerate(queue)
+        )
+        return tuple(number for _, _, number in in_turns)
 
     @property
     def free_nodes(self) -> int:
@@ -109,9 +118,16 @@ class Scheduler:
         return self._busy.get(number)
 
     def add(
-        self, number: int, cells: int, topology_spec: str, priority: int = 0, *, accepted_before: bool = False
+        self,
+        number: int,
+        cells: int,
+        topology_spec: str,
+        priority: int = 0,
+        client: str = "",
+        *,
+        accepted_before: bool = False,
     ) -> None:
-        """Put a job into the queue, ordered by priority, then by number.
+        """Put a job into its client's queue, ordered by priority, then by number.
 
         A job that starts over has its old number, and so gets its old place.
 
@@ -119,36 +135,57 @@ class Scheduler:
             number: the job's number; later jobs have higher numbers.
             cells: the number of nodes that it needs.
             topology_spec: how these are linked.
-            priority: jobs of a higher priority start earlier.
+            priority: of the client's jobs, those of a higher priority start earlier.
+            client: the name of the client.
             accepted_before: whether the job was accepted by the previous coordinator; then a full queue takes it too.
 
         Raises:
             TooLarge: if the job could never start.
-            QueueFull: if it would have to wait and too many jobs wait already.
+            QueueFull: if it would have to wait and too many of the client's jobs wait already.
         """
         assert number not in self._busy, f"job {number} has nodes already"
         assert number not in self.queued, f"job {number} is queued already"
         if cells > self.nodes:
             raise TooLarge(f"the job asks for {cells} cells ({topology_spec}), the cluster has {self.nodes} nodes")
         waiting = _Waiting(-priority, number, cells, topology_spec)
-        place = bisect.bisect(self._queue, waiting)
-        full = self.max_queue is not None and len(self._queue) >= self.max_queue
-        starts_at_once = place == 0 and cells <= len(self._free)
+        queue = self._queues.get(client, [])
+        full = self.max_queue is not None and len(queue) >= self.max_queue
+        self._queues[client] = sorted([*queue, waiting])
+        self._turns.setdefault(client, next(self._starts))
+        starts_at_once = self._next() == (client, waiting) and cells <= len(self._free)
         if full and not starts_at_once and not accepted_before:
-            raise QueueFull(f"the queue is full: {len(self._queue)} jobs wait, at most {self.max_queue} may")
-        self._queue.insert(place, waiting)
+            self.remove(number)
+            raise QueueFull(f"the queue is full: {len(queue)} jobs wait, at most {self.max_queue} may")
 
     def remove(self, number: int) -> bool:
         """Take a job out of the queue; return whether it was in it."""
-        before = len(self._queue)
-        self._queue = [waiting for waiting in self._queue if waiting.number != number]
-        return len(self._queue) < before
+        for client, queue in self._queues.items():
+            left = [waiting for waiting in queue if waiting.number != number]
+            if len(left) < len(queue):
+                self._set(client, left)
+                return True
+        return False
+
+    def _set(self, client: str, queue: list[_Waiting]) -> None:
+        if queue:
+            self._queues[client] = queue
+        else:
+            del self._queues[client], self._turns[client]
+
+    def _next(self) -> tuple[str, _Waiting] | None:
+        """Return the job that starts next, with its client; None if none waits."""
+        if not self._queues:
+            return None
+        client = min(self._queues, key=lambda each: self._turns[each])
+        return client, self._queues[client][0]
 
     def start(self) -> list[Placed]:
         """Give nodes to the jobs that may start now, in the order of the queue, and return them."""
         placed = []
-        while self._queue and self._queue[0].cells <= len(self._free):
-            waiting = self._queue.pop(0)
+        while (found := self._next()) is not None and found[1].cells <= len(self._free):
+            client, waiting = found
+            self._turns[client] = next(self._starts)
+            self._set(client, self._queues[client][1:])
             nodes = self._choose(waiting.cells, waiting.topology)
             self._take(waiting.number, nodes, waiting.topology)
             placed.append(Placed(waiting.number, nodes))
@@ -218,7 +255,7 @@ class Scheduler:
         own = self._busy.get(number, ())
         wiring = self._wired.get(own[0]) if own else None
         topology = None if wiring is None else topologies.parse(wiring.topology)
-        if self._queue or not isinstance(topology, topologies.Torus) or len(self._free) < topology.columns:
+        if self._queues or not isinstance(topology, topologies.Torus) or len(self._free) < topology.columns:
             return None
         new = self._nearest(own, len(self._free) // topology.columns * topology.columns)
         self._free.difference_update(new)

@@ -2,17 +2,17 @@
 
 Everything that matters is in the store: if the coordinator is killed at any moment, the next one continues from there.
 
-No client waits for another client's slow request. One thread answers questions, in the order of their arrival. A few
-others check submitted jobs, whose problems may be large. Changes of one job (updates and rewirings) are carried out one
-after another, beside those of other jobs (see `coordinator.service.lanes`).
+No client waits for another client's slow request, or for all of its many. One thread answers questions. A few others
+check submitted jobs, whose problems may be large. Both take the clients in turns: see
+`coordinator.service.fair_queue`. Changes of one job (updates and rewirings) are carried out one after another, beside
+those of other jobs: see `coordinator.service.lanes`.
 """
 
 import contextlib
-import queue
 import signal
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -23,6 +23,7 @@ from coordinator.jobs.hooks import MakeJobRunner
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.log_lines import LogLines
 from coordinator.service.checking import Checker
+from coordinator.service.fair_queue import FairQueue
 from coordinator.service.host_book import HOST_TIMEOUT
 from coordinator.service.lanes import Lanes
 from coordinator.service.request_handler import RequestHandler
@@ -36,12 +37,15 @@ from problems.modules import Modules
 from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.jobs import Answer, Done, Down, JobState, Refused, Request, Rewire, Submit, Update
-from wire.keys import Keys
+from wire.keys import ANYONE, Keys
 from wire.news import LogRecord
 from wire.strict import Rejected
 
 _SUBMITS_AT_ONCE = 8  # a problem may take a hundred times its size in memory while it is checked
 _SUBMITS = Queue("submits", 1000, 256 << 20)
+_SUBMITS_OF_ONE, _BYTES_SUBMITTED = 250, 64 << 20  # of a client with a certificate, so that it leaves room for others
+_MOST_WAITING = 2000  # requests of one client; further ones are dropped, and asked again
+_A_SECOND = 200.0  # requests of a client with a certificate
 _CHANGES = Queue("changes", 1000, 256 << 20)
 _CHANGES_OF_ONE, _BYTES_OF_ONE = 100, 64 << 20  # of one job, so that it leaves room for changes of others
 _TRY_AGAIN = 0.5  # seconds between two attempts to open the database
@@ -113,10 +117,10 @@ class Service:
     ) -> None:
         self._session = session
         self._keys = keys
-        self._mail: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
+        self._mail: FairQueue[zenoh.Query] = FairQueue(_MOST_WAITING, _A_SECOND, lambda client: client != ANYONE)
         self._waiting = WaitingRoom()
         self._down = threading.Event()
-        self._submits = ThreadPoolExecutor(_SUBMITS_AT_ONCE, "submits")
+        self._submits: FairQueue[Callable[[], None]] = FairQueue(_MOST_WAITING)
         self._changes = Lanes()  # a lane for each job
         lines = LogLines(keys.cluster, options.log_json)
         self._store = _store_at(options.store, lines)
@@ -143,15 +147,17 @@ class Service:
         self._request_handler.restore()
         self._dispatcher.restored()
         # The token last: a client that sees it may ask at once.
-        queryable = self._session.declare_queryable(self._keys.any_request, direct(self._mail.put))
+        queryable = self._session.declare_queryable(self._keys.any_request, direct(self._receive))
         token = self._session.liveliness().declare_token(self._keys.coordinator)
         worker = threading.Thread(target=self._work, name="requests", daemon=True)
         worker.start()
+        for number in range(_SUBMITS_AT_ONCE):
+            threading.Thread(target=self._submit, name=f"submits {number}", daemon=True).start()
         self._down.wait()
         with contextlib.suppress(zenoh.ZError):
             token.undeclare()  # type: ignore[no-untyped-call]
             queryable.undeclare()  # type: ignore[no-untyped-call]
-        self._mail.put(None)
+        self._mail.close()
         worker.join()
 
     def stop(self) -> None:
@@ -160,13 +166,23 @@ class Service:
 
     def close(self) -> None:
         """Close everything but the session."""
-        self._submits.shutdown(wait=False, cancel_futures=True)
+        self._submits.close()
         self._recorder.close()  # before the dispatcher: what happens to its jobs from now on must not be stored
         self._dispatcher.close()
         self._store.close()
 
+    def _receive(self, query: zenoh.Query) -> None:
+        """Queue a request; drop it if too many of its client wait. On Zenoh's thread."""
+        client, _ = Keys.asker_of(str(query.key_expr))
+        if not self._mail.put(client, query):
+            query.drop()  # type: ignore[no-untyped-call]
+
+    def _submit(self) -> None:
+        while (answer := self._submits.take()) is not None:
+            answer()
+
     def _work(self) -> None:
-        while (query := self._mail.get()) is not None:
+        while (query := self._mail.take()) is not None:
             try:
                 self._handle(query)
             except Exception as error:
@@ -178,42 +194,44 @@ class Service:
             request = jobs.decode(b"" if query.payload is None else query.payload.to_bytes())
         except Rejected as error:
             return self._reply(query, Refused(error.reason))
-        _, right = Keys.asker_of(str(query.key_expr))
+        client, right = Keys.asker_of(str(query.key_expr))
         if request.right != right:  # else a client with another right could send it
             return self._reply(query, Refused(f"{request.name} is asked for at .../{request.right}, not .../{right}"))
         if isinstance(request, Submit | Update | Rewire):
-            self._put_off(query, request)
+            self._put_off(query, request, client)
         else:
-            self._answer(query, request)
+            self._answer(query, request, client)
         return None
 
-    def _put_off(self, query: zenoh.Query, request: Submit | Update | Rewire) -> None:
+    def _put_off(self, query: zenoh.Query, request: Submit | Update | Rewire, client: str) -> None:
         """Answer on another thread; refuse if too many requests wait for that already."""
         size = 0 if query.payload is None else len(query.payload)
-        full = self._waiting.enter(_queues(request), size)
+        queues = _queues(request, client)
+        full = self._waiting.enter(queues, size)
         if full is not None:
             refused = f"too many {full.name} wait (at most {full.requests}, {full.bytes >> 20} MiB in total); try later"
             return self._reply(query, Refused(refused, "failure"))
-        answer = partial(self._answer_later, query, request, size)
+        leave = partial(self._waiting.leave, queues, size)
+        answer = partial(self._answer_later, query, request, client, leave)
         if isinstance(request, Submit):
-            self._submits.submit(answer)
+            self._submits.put(client, answer)
         else:
             self._changes.put(request.job, answer)
         return None
 
-    def _answer_later(self, query: zenoh.Query, request: Submit | Update | Rewire, size: int) -> None:
+    def _answer_later(self, query: zenoh.Query, request: Request, client: str, leave: Callable[[], None]) -> None:
         try:
-            self._answer(query, request)
+            self._answer(query, request, client)
         except Exception as error:
             self._fail(query, error)
         finally:
-            self._waiting.leave(_queues(request), size)
+            leave()
 
     def _fail(self, query: zenoh.Query, error: Exception) -> None:
         self._reply(query, Refused(f"{type(error).__name__}: {error}", "failure"))
 
-    def _answer(self, query: zenoh.Query, request: Request) -> None:
-        answer = self._request_handler.answer(request)
+    def _answer(self, query: zenoh.Query, request: Request, client: str) -> None:
+        answer = self._request_handler.answer(request, client)
         self._reply(query, answer)
         if isinstance(request, Down) and isinstance(answer, Done):  # only now, so that the client gets its answer
             self.stop()
@@ -232,10 +250,11 @@ class Service:
         self._request_handler.forget(number)
 
 
-def _queues(request: Submit | Update | Rewire) -> tuple[Queue, ...]:
-    """Return the queues in which a request counts as waiting."""
+def _queues(request: Submit | Update | Rewire, client: str) -> tuple[Queue, ...]:
+    """Return the queues in which a client's request counts as waiting."""
     if isinstance(request, Submit):
-        return (_SUBMITS,)
+        own = Queue(f"submits of {client}", _SUBMITS_OF_ONE, _BYTES_SUBMITTED)
+        return (_SUBMITS,) if client == ANYONE else (_SUBMITS, own)
     return _CHANGES, Queue(f"changes of job {request.job!r}", _CHANGES_OF_ONE, _BYTES_OF_ONE)
 
 

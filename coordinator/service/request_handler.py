@@ -44,6 +44,7 @@ from wire.jobs import (
     Submit,
     Update,
 )
+from wire.keys import ANYONE
 from wire.news import Improvement
 
 _FAILURES = (ClusterFailed, QueueFull, StoreFailed)  # not the client's fault
@@ -91,10 +92,10 @@ class RequestHandler:
         self._began = time.time()
         self._handed_over: set[int] = set()  # numbers of the jobs that the dispatcher has
 
-    def answer(self, request: Request) -> Answer:
-        """Carry out a request and return its answer; every exception becomes a refusal."""
+    def answer(self, request: Request, client: str = ANYONE) -> Answer:
+        """Carry out a request of a client and return its answer; every exception becomes a refusal."""
         try:
-            return Done(self._do(request))
+            return Done(self._do(request, client))
         except BadInput as error:
             return Refused(str(error), "input")
         except _FAILURES as error:
@@ -125,11 +126,11 @@ class RequestHandler:
         """Note that a job has ended."""
         self._handed_over.discard(number)
 
-    def _do(self, request: Request) -> Any:
+    def _do(self, request: Request, client: str) -> Any:
         value: Any
         match request:
             case Submit():
-                value = self._submit(request)
+                value = self._submit(request, client)
             case ListJobs(limit):
                 value = [_line(job) for job in self._store.newest(MOST_LISTED if limit is None else limit)]
             case Show(job, brief):
@@ -151,7 +152,7 @@ class RequestHandler:
         return value
 
     # Submitting -------------------------------------------------------------------------------------------------------
-    def _submit(self, request: Submit) -> dict[str, Any]:
+    def _submit(self, request: Submit, client: str) -> dict[str, Any]:
         file = self._checker.read(request.file)
         if file.attempt or file.attempt_fields:
             raise BadInput(f"{file.name}: expected a problem file, found one that was tried before")
@@ -159,7 +160,8 @@ class RequestHandler:
             file = file.with_run(topology=self._dispatcher.topology)
         self._checker.check(file)  # may take long; nothing is locked yet
         topology = topologies.parse(file.run.topology)
-        new = Submission(file.to_json(), digest_of(file), file.kind, topology.spec, topology.cells, request.priority)
+        described = (file.to_json(), digest_of(file), file.kind, topology.spec, topology.cells)
+        new = Submission(*described, request.priority, client)
         with self._recorder.paused():  # else "running" could be published before "submitted"
             job, is_new = self._store.add(new, request.id)
             if is_new:
@@ -228,6 +230,7 @@ class RequestHandler:
         spec = JobSpec(job.number, file, None, job.job, job.priority, submitted)
         return dataclasses.replace(
             spec,
+            client=job.client,
             checkpoint_every=self._checkpoint_every,
             keep_checkpoint=partial(self._keep_checkpoint, job.number),
             say=lambda text: self._recorder.logged(log_record("info", text, job.number)),
@@ -336,7 +339,7 @@ def _answer(job: Answered) -> dict[str, Any]:
 
 
 def _line(job: Summary) -> dict[str, Any]:
-    shown = ("job", "number", "kind", "status", "fitness", "submitted", "started", "ended", "cells")
+    shown = ("job", "number", "kind", "status", "fitness", "submitted", "started", "ended", "cells", "client")
     return {name: getattr(job, name) for name in (*shown, "topology", "priority", "message")}
 
 

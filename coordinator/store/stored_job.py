@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session, undefer
 from coordinator.jobs.states import State, state_of
 from coordinator.store.tables import JobRow
 from problems.errors import BadInput
+from wire.keys import ANYONE
 
 
 class IdTaken(BadInput):
@@ -29,7 +30,8 @@ class Submission:
         kind: the kind of the problem.
         topology: the topology of the job's cells.
         cells: the number of cells, which is the number of nodes that the job needs.
-        priority: jobs of a higher priority start earlier.
+        priority: of one client's jobs, those of a higher priority start earlier.
+        client: the name of the client that submits it.
     """
 
     file: str
@@ -38,6 +40,7 @@ class Submission:
     topology: str
     cells: int
     priority: int = 0
+    client: str = ANYONE
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ class Summary:
     Attributes:
         job: the job's id, unique within the cluster.
         number: the job's number; jobs are numbered in the order of their submission.
+        client: the name of the client that submitted it.
         fitness: the fitness of the best verified answer; None if there is none, or it is not finite.
         submitted, started, ended: Unix times in seconds. At its deadline a job gets the status "deadline" at once, but
             ``ended`` only when its nodes have stopped and its result is stored.
@@ -60,6 +64,7 @@ class Summary:
     topology: str
     cells: int
     priority: int
+    client: str
     status: State
     fitness: float | None
     submitted: float

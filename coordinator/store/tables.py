@@ -43,6 +43,7 @@ class JobRow(Base):
     topology: Mapped[str] = mapped_column(Text)
     cells: Mapped[int]
     priority: Mapped[int]
+    client: Mapped[str] = mapped_column(String(64))
     status: Mapped[str] = mapped_column(String(16), index=True)
     fitness: Mapped[float | None] = mapped_column(Double)
     submitted: Mapped[float] = mapped_column(Double)

@@ -14,7 +14,6 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
 from typing import Any
 
@@ -116,7 +115,6 @@ def in_place(world: World, network: Network, processes: dict[int, Process]) -> I
         "sessions": (sessions, zenoh.sessions),
         "signal": (signal, _Signals(world)),
         "os": (os, _System(world, processes)),
-        "ThreadPoolExecutor": (ThreadPoolExecutor, types.executor),
         "core_of": (core_of, lambda *_: None),  # simulated nodes have no cores
         "FAST_PATH": (node.process.FAST_PATH, OrdinaryPath()),  # compiled code calls the real libraries
     }

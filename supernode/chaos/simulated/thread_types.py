@@ -1,14 +1,13 @@
-"""Stand-ins for `threading`, `queue`, `time` and executors on the tasks of a `World`."""
+"""Stand-ins for `threading`, `queue` and `time` on the tasks of a `World`."""
 
 import collections
-import concurrent.futures
 import queue
 import types
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
-from supernode.chaos.simulated.world import EPOCH, Process, Task, World
+from supernode.chaos.simulated.world import EPOCH, Task, World
 
 _LOCK = 1e-6  # seconds that a lock or a queue takes
 _INTERRUPTED = 0.05  # share of these at which another thread may run
@@ -43,7 +42,6 @@ class ThreadTypes:
             thread_time=lambda: 0.0,
             sleep=world.sleep,
         )
-        self.executor = lambda *_: _Executor(world)
 
 
 def _interrupt(world: World) -> None:
@@ -291,30 +289,3 @@ class SimpleQueue:
     def qsize(self) -> int:
         """Return the number of items."""
         return len(self._items)
-
-
-class _Executor:
-    """Instead of `concurrent.futures.ThreadPoolExecutor`, with a thread for each call."""
-
-    def __init__(self, world: World) -> None:
-        self._world = world
-
-    def submit(self, function: Callable[..., Any], *args: Any) -> "concurrent.futures.Future[Any]":
-        future: concurrent.futures.Future[Any] = concurrent.futures.Future()
-        process = self._world.process
-        assert isinstance(process, Process)
-
-        def call() -> None:
-            future.set_result(function(*args))
-
-        process.start(call, "worker")
-        return future
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Do nothing: the threads end with their calls."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.shutdown()

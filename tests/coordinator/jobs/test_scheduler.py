@@ -395,3 +395,31 @@ def test_a_node_that_comes_back_while_its_job_still_has_it_is_not_free():
     assert scheduler.free_nodes == 0
     scheduler.free(1)
     assert scheduler.free_nodes == 2
+
+
+# Clients --------------------------------------------------------------------------------------------------------------
+def test_clients_take_turns_whatever_their_number_of_jobs_and_priorities():
+    scheduler = Scheduler(4)
+    for number in range(4):
+        scheduler.add(number, 4, "torus 2x2", 1000, "flood")
+    assert [placed.number for placed in scheduler.start()] == [0]
+    scheduler.add(4, 4, "torus 2x2", 0, "other")
+    scheduler.add(5, 4, "torus 2x2", 7, "other")
+    assert scheduler.queued == (1, 5, 2, 4, 3)
+    started = []
+    for number in (0, 1, 5, 2, 4):
+        scheduler.free(number)
+        started += [placed.number for placed in scheduler.start()]
+    assert started == [1, 5, 2, 4, 3]
+
+
+def test_a_client_that_fills_its_queue_shuts_out_no_other():
+    scheduler = Scheduler(1, max_queue=1)
+    for number in range(2):
+        scheduler.add(number, 1, "ring 1", client="flood")
+        scheduler.start()
+    with pytest.raises(QueueFull, match="the queue is full: 1 jobs wait, at most 1 may"):
+        scheduler.add(2, 1, "ring 1", client="flood")
+    assert scheduler.queued == (1,)
+    scheduler.add(3, 1, "ring 1", client="other")
+    assert scheduler.queued == (1, 3)

@@ -225,8 +225,19 @@ def test_a_flood_of_changes_of_one_job_shuts_out_no_submits():
     from wire.jobs import Update
 
     room = WaitingRoom()
-    flood = [room.enter(process._queues(Update("a", "{}")), 1000) for _ in range(2000)]
+    flood = [room.enter(process._queues(Update("a", "{}"), "anna"), 1000) for _ in range(2000)]
     assert flood.count(None) == 100
     assert flood[-1].name == "changes of job 'a'"
-    assert room.enter(process._queues(Update("b", "{}")), 1000) is None
-    assert room.enter(process._queues(Submit("[]")), 1 << 20) is None
+    assert room.enter(process._queues(Update("b", "{}"), "anna"), 1000) is None
+    assert room.enter(process._queues(Submit("[]"), "anna"), 1 << 20) is None
+
+
+def test_a_flood_of_submits_of_one_client_shuts_out_no_other():
+    from coordinator.service import process
+    from coordinator.service.waiting_room import WaitingRoom
+
+    room = WaitingRoom()
+    flood = [room.enter(process._queues(Submit("[]"), "anna"), 1000) for _ in range(2000)]
+    assert flood.count(None) == 250
+    assert flood[-1].name == "submits of anna"
+    assert room.enter(process._queues(Submit("[]"), "bob"), 1 << 20) is None
