@@ -94,4 +94,6 @@ def place_of(options: argparse.Namespace) -> "Place":
 
 def tell(options: argparse.Namespace, value: dict[str, Any], words: str) -> None:
     """Print an answer: ``value`` as JSON if the options ask for that, else ``words``."""
-    print(json.dumps(value) if options.json else words)
+    from wire.printable import printable_lines
+
+    print(json.dumps(value) if options.json else printable_lines(words))
