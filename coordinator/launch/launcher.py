@@ -51,6 +51,7 @@ class ServiceOptions:
             job is stopped; None for any time, and `EVAL_TIMEOUT` once the job is stopped.
         node_memory: how many bytes a node may take for a user's own code; None for any number.
         checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
+        sandbox: whether processes that run users' modules have no network, see `coordinator.launch.sandbox`.
     """
 
     state: Path | None = None
@@ -66,6 +67,7 @@ class ServiceOptions:
     eval_timeout: float | None = None
     node_memory: int | None = None
     checkpoint_every: float | None = CHECKPOINT_EVERY
+    sandbox: bool = False
 
 
 def _ignore(_: str) -> None:

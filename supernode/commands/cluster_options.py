@@ -55,6 +55,12 @@ def add_evaluation_limits(parser: "argparse._ActionsContainer") -> None:
     parser.add_argument("--node-memory", metavar="SIZE", type=size, help=words)
 
 
+def add_sandbox(parser: "argparse._ActionsContainer") -> None:
+    """Add the option that takes the network from processes that run users' modules."""
+    words = "users' modules run without a network, on nodes with --node-memory 2G unless that is given"
+    parser.add_argument("--sandbox", action="store_true", help=words)
+
+
 def add_eval_timeout(parser: "argparse._ActionsContainer") -> None:
     """Add the option that says when an evaluation counts as endless: while its job runs, and once that is stopped."""
     words = (

@@ -3,7 +3,7 @@
 import argparse
 
 from supernode import exits
-from supernode.commands.cluster_options import add_evaluation_limits, add_force, add_node_timeout
+from supernode.commands.cluster_options import add_evaluation_limits, add_force, add_node_timeout, add_sandbox
 from supernode.commands.role_options import (
     add_membership,
     add_option,
@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_force(parser)
     add_node_timeout(parser)
     add_evaluation_limits(parser)
+    add_sandbox(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -66,6 +67,7 @@ def run(options: argparse.Namespace) -> int:
     from supernode.deploy.surroundings import surroundings
 
     router, cluster, around = endpoint_of(options), cluster_of(options), surroundings(os.environ)
+    _check_sandbox(options, router)
     nodes = around.nodes if options.nodes is None else number_of(options, "nodes")
     listen = own_endpoint(endpoint(options.listen, "listen"), router) if options.listen else ""
     secret = read_secret() if options.lifeline else secret_of(options)
@@ -74,12 +76,13 @@ def run(options: argparse.Namespace) -> int:
     if options.lifeline:
         end_with_stdin()
     from coordinator.launch.host import HostZygote
+    from coordinator.launch.sandbox import node_memory
     from node.suspects import EvaluationLimits
     from wire.hosts import Host
 
     name = options.host or around.name or f"{socket.gethostname()}-{os.getpid()}"
     host = Host(secrets.token_hex(4), name, nodes, listen, label=options.label or around.label)
-    limits = EvaluationLimits(options.eval_timeout, options.node_memory)
+    limits = EvaluationLimits(options.eval_timeout, node_memory(options.node_memory, options.sandbox))
     HostZygote(
         cluster,
         router,
@@ -89,5 +92,26 @@ def run(options: argparse.Namespace) -> int:
         force=options.force,
         node_timeout=options.node_timeout,
         limits=limits,
+        sandbox=options.sandbox,
     ).run()
     return exits.OK
+
+
+def _check_sandbox(options: argparse.Namespace, router: str) -> None:
+    """Refuse a sandbox whose nodes would need a network.
+
+    Raises:
+        BadInput: if the router or other hosts are to be reached by one.
+    """
+    from problems.errors import BadInput
+    from wire.sessions import UNIX_SOCKET
+
+    if options.sandbox and not router.startswith(UNIX_SOCKET):
+        raise BadInput(
+            "--sandbox: expected --connect with the Unix socket of a cluster on this machine"
+            f" ({UNIX_SOCKET}PATH), since nodes in the sandbox have no network, found {router}"
+        )
+    if options.sandbox and options.listen:
+        raise BadInput(
+            f"--listen: expected none with --sandbox, since its nodes have no network, found {options.listen}"
+        )
