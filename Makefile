@@ -10,7 +10,10 @@ BOTH_WAYS := tests/node/engine tests/node/test_driver.py tests/node/test_replay.
 FAST := tests/test_house.py tests/topologies tests/genetics tests/wire tests/spy tests/node/test_assignment.py \
   tests/node/test_cell.py tests/node/test_champions.py tests/node/test_stopping.py tests/coordinator/jobs/test_scheduler.py
 
-.PHONY: help run test test-fast lint kernels bench planners peers image clean
+# What the image has beside the core: see the Dockerfile.
+IMAGE_EXTRAS := service postgres dynamics mesh dashboard
+
+.PHONY: help run test test-fast lint kernels bench planners peers image lock sbom clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -48,8 +51,20 @@ peers: $(VENV)/core  ## beside pygmo, DEAP, propulate and pycellga: a quarter of
 image: $(VENV)/core  ## the steps of the Dockerfile in a bare Debian, and an example in it: minutes, as root
 	$(BIN)/python -m benchmarks.image_in_chroot
 
+lock: $(VENV)/core  ## pin the image's libraries, the newest, with their hashes: writes requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check uv
+	$(BIN)/python -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['build-system']['requires'], sep='\n')" \
+	  | $(BIN)/uv pip compile --quiet --upgrade --generate-hashes --no-emit-index-url --no-config \
+	    --python-version 3.11 --python-platform linux --custom-compile-command 'make lock' \
+	    $(addprefix --extra ,$(IMAGE_EXTRAS)) --output-file requirements.lock pyproject.toml -
+
+sbom: $(VENV)/core  ## list the image's libraries for scanners (CycloneDX): writes sbom.json
+	$(BIN)/pip install --quiet --disable-pip-version-check uv
+	PYTHONWARNINGS=ignore $(BIN)/uv tool run --quiet --from cyclonedx-bom cyclonedx-py requirements \
+	  --pyproject pyproject.toml --output-reproducible --output-file sbom.json requirements.lock
+
 clean:
-	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png
+	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png sbom.json
 
 $(VENV)/core: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -5,12 +5,14 @@ The coordinator writes the messages of all processes; the zygote writes what the
 
 import contextlib
 import sys
+from collections.abc import MutableMapping
 from datetime import UTC, datetime
 from typing import Any, TextIO
 
 import structlog
 
 from wire.news import LogRecord
+from wire.printable import printable
 
 
 class LogLines:
@@ -25,10 +27,10 @@ class LogLines:
     def __init__(self, cluster: str, as_json: bool | None = None, file: TextIO | None = None) -> None:
         file = sys.stderr if file is None else file
         people = file.isatty() if as_json is None else not as_json
-        renderer: Any = structlog.dev.ConsoleRenderer(colors=file.isatty()) if people else _json()
+        renderers = _for_people(file.isatty()) if people else [structlog.processors.JSONRenderer(sort_keys=True)]
         # Not `PrintLogger`, which writes the end of a line by itself: another process's line may come between.
         self._logger = structlog.wrap_logger(
-            structlog.WriteLogger(file), processors=[structlog.processors.add_log_level, renderer], cluster=cluster
+            structlog.WriteLogger(file), processors=[structlog.processors.add_log_level, *renderers], cluster=cluster
         )
 
     def write(self, record: LogRecord, job: str | None = None) -> None:
@@ -40,5 +42,10 @@ class LogLines:
             getattr(self._logger, record.level)(record.text, timestamp=at, process=record.process, **told)
 
 
-def _json() -> Any:
-    return structlog.processors.JSONRenderer(sort_keys=True)
+def _for_people(colours: bool) -> list[Any]:
+    """Return what makes a line for people; JSON escapes by itself what is not printable."""
+    return [_made_printable, structlog.dev.ConsoleRenderer(colors=colours)]
+
+
+def _made_printable(_: Any, __: str, told: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+    return {name: printable(value) if isinstance(value, str) else value for name, value in told.items()}

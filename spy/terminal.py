@@ -12,6 +12,7 @@ from problems.errors import shorten
 from spy.least_improvement import LEAST, is_worth_telling
 from topologies import Topology
 from wire.news import Improvement, Statistics
+from wire.printable import printable
 
 
 class Terminal:
@@ -64,7 +65,7 @@ class Terminal:
     def say(self, text: str) -> None:
         """Print a line."""
         if not self._quiet:
-            self._console.print(Text(text))
+            self._console.print(Text(printable(text)))
 
     def begins_anew(self, why: Mapping[str, Any]) -> None:
         """Print a line about a restart, which the directive ``why`` describes."""

@@ -146,6 +146,7 @@ def _report_slow_steps(options: argparse.Namespace) -> None:
 def _report_error(error: Exception) -> int:
     from coordinator.errors import ClusterFailed
     from problems.errors import BadInput, EvaluationFailed
+    from wire.printable import printable_lines
 
     if isinstance(error, BadInput):
         code = BAD_INPUT
@@ -153,7 +154,7 @@ def _report_error(error: Exception) -> int:
         code = FAILED
     else:
         raise error
-    print(f"error: {error}", file=sys.stderr)
+    print(f"error: {printable_lines(str(error))}", file=sys.stderr)  # it may quote what a process elsewhere wrote
     return code
 
 

@@ -366,6 +366,82 @@ def test_the_search_for_private_parts_finds_every_way_to_use_them(tmp_path):
     }  # fmt: skip
 
 
+# What would run code that is hidden in data: modules, functions by name or attribute, and keywords of calls.
+MODULES_THAT_RUN_DATA = {"cloudpickle", "dill", "joblib", "marshal", "pickle", "shelve"}
+FUNCTIONS_THAT_RUN_DATA = {
+    "eval",
+    "exec",
+    "os.system",
+    "os.popen",
+    "subprocess.getoutput",
+    "subprocess.getstatusoutput",
+}
+YAML = ("load", "load_all", "full_load", "full_load_all", "unsafe_load", "unsafe_load_all")
+YAML += ("Loader", "FullLoader", "UnsafeLoader", "CLoader", "CFullLoader", "CUnsafeLoader")
+FUNCTIONS_THAT_RUN_DATA |= {f"yaml.{name}" for name in YAML}
+KEYWORDS_THAT_RUN_DATA = {"allow_pickle", "shell"}
+
+
+def what_runs_data_in(path):
+    """What a module uses that turns data into code, or gives text to a shell."""
+    tree = tree_of(path)
+    origins = {}  # names in this module to what they stand for elsewhere
+    for node in ast.walk(tree):
+        match node:
+            case ast.Import(names=names):
+                origins |= {alias.asname or alias.name.split(".")[0]: alias.name for alias in names}
+            case ast.ImportFrom(module=module, names=names, level=0):
+                origins |= {alias.asname or alias.name: f"{module}.{alias.name}" for alias in names}
+    yield from (name for name in imports_of(path) if is_of(MODULES_THAT_RUN_DATA, name))
+    safe = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call) and names_a_safe_loader(node)]
+    for node in (each for each in ast.walk(tree) if each not in safe):
+        match node:
+            case ast.Name(id=name):
+                used = origins.get(name, name)
+            case ast.Attribute(value=ast.Name(id=name), attr=attr):
+                used = f"{origins.get(name, name)}.{attr}".removeprefix("builtins.")
+            case ast.keyword(arg=str(name), value=value) if name in KEYWORDS_THAT_RUN_DATA:
+                if not (isinstance(value, ast.Constant) and value.value is False):
+                    yield name
+                continue
+            case _:
+                continue
+        if used in FUNCTIONS_THAT_RUN_DATA:
+            yield used
+
+
+def names_a_safe_loader(call):
+    """Whether the second argument of yaml.load is one that makes plain values only."""
+    return len(call.args) == 2 and "SafeLoader" in ast.unparse(call.args[1])
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_no_module_runs_code_that_is_hidden_in_data(path):
+    assert set(what_runs_data_in(path)) == set()
+
+
+def test_the_search_for_what_runs_data_finds_every_way(tmp_path, monkeypatch):
+    monkeypatch.setitem(imports_of.__globals__, "ROOT", tmp_path)
+    path = tmp_path / "module.py"
+    path.write_text(
+        "import pickle as p\nfrom marshal import loads\nimportlib.import_module('shelve')\n"
+        "import builtins\nbuiltins.exec('1')\nevaluated = map(eval, texts)\n"
+        "import yaml as y\ny.load(f)\nfrom yaml import full_load as read\nread(f)\n"
+        "y.load_all(f, y.FullLoader)\nimport os\nos.system(text)\n"
+        "np.load(f, allow_pickle=True)\nrun(text, shell=wanted)\n"
+    )
+    assert set(what_runs_data_in(path)) == {
+        "pickle", "marshal", "marshal.loads", "shelve", "exec", "eval", "yaml.load", "yaml.load_all",
+        "yaml.FullLoader", "yaml.full_load", "os.system", "allow_pickle", "shell",
+    }  # fmt: skip
+    path.write_text(
+        "# eval, pickle\n'exec'\nimport re, yaml, json\nre.compile('eval')\nyaml.safe_load(f)\n"
+        "yaml.load_all(f, yaml.SafeLoader)\njson.load(f)\n"
+        "np.load(f, allow_pickle=False)\nrun(words, shell=False)\nproblem.evaluate(x)\nself.load(f)\n"
+    )
+    assert set(what_runs_data_in(path)) == set()
+
+
 def test_tests_are_no_packages_and_their_names_are_unique():
     files = list((ROOT / "tests").rglob("*.py"))
     assert [name_of(path) for path in files if path.name == "__init__.py"] == []

@@ -6,6 +6,6 @@ Read `keys` first: it names every place where something is published or asked fo
 - Between coordinator, nodes and spy: `control` has the commands and their answers, `report` what a cell sends at its
   end, `hosts` how nodes of other machines join. `seal` proves that a command comes from the cluster.
 - For anybody: `news` has counters, statistics, improvements and log records; `jobs` has clients' requests and answers.
-- How: `strict` reads msgpack with limits, `plain` makes values fit for JSON; `sessions` configures Zenoh, and
-  `callbacks` are called on its network thread.
+- How: `strict` reads msgpack with limits, `plain` makes values fit for JSON, and `printable` makes text fit for a
+  terminal; `sessions` configures Zenoh, and `callbacks` are called on its network thread.
 """

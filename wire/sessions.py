@@ -23,6 +23,8 @@ from wire.members import Identity
 NODE_RUNTIME = "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
 ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),app:(handover:net))"
 
+UNIX_SOCKET = "unixsock-stream/"
+"""How the endpoint of a Unix socket begins; the rest is its path."""
 MOST_SESSIONS = 10_000
 _SLOW_MS = 60_000  # with hundreds of processes on a core any step of a handshake may take long
 _MOST_MESSAGE_BYTES = 64 << 20  # the longest answer to a client
@@ -83,7 +85,7 @@ def unix_socket(folder: Path, name: str) -> str:
     The folder must be private: its permissions are what keeps other users out. It must also be short, since the path of
     a Unix socket has at most 107 bytes.
     """
-    return f"unixsock-stream/{folder}/{name}.sock"
+    return f"{UNIX_SOCKET}{folder}/{name}.sock"
 
 
 def router(

@@ -23,6 +23,7 @@ import zenoh
 from coordinator.errors import ClusterFailed
 from coordinator.launch import capacity
 from coordinator.launch.folders import make_folder, new_folder
+from coordinator.launch.sandbox import HOST_KINDS, Sandbox
 from coordinator.launch.stopped import NODE_TIMEOUT
 from coordinator.launch.zygote import Zygote
 from node.node_config import NodeConfig
@@ -62,6 +63,7 @@ class HostZygote(Zygote):
         node_timeout: after how many seconds a process that is stopped counts as dead.
         limits: what an evaluation in a user's own code may take.
         identity: who the host shows itself to be on encrypted links; None if there are none.
+        sandbox: whether the nodes have no network; the router's endpoint must then be a Unix socket.
 
     Raises:
         BadInput: if this machine cannot hold so many nodes; the message says how many it can hold.
@@ -79,6 +81,7 @@ class HostZygote(Zygote):
         node_timeout: float = NODE_TIMEOUT,
         limits: EvaluationLimits,
         identity: Identity | None = None,
+        sandbox: bool = False,
     ) -> None:
         capacity.check(host.wants, force=force, has_router=False)
         folder = new_folder()
@@ -86,6 +89,7 @@ class HostZygote(Zygote):
         super().__init__(cluster, "", folder, secret, modules, node_timeout=node_timeout, limits=limits)
         self._router = router
         self._identity = identity
+        self._is_sandboxed = sandbox
         self._host = host
         self.name = f"host {host.name}"
         self._numbers, self._tell_numbers = os.pipe()
@@ -96,8 +100,10 @@ class HostZygote(Zygote):
         """Join the cluster and run until SIGTERM, SIGINT or SIGHUP comes; after SIGTERM jobs may move away first.
 
         Raises:
-            ClusterFailed: if the coordinator refuses the host, or its processes die too often.
+            ClusterFailed: if the coordinator refuses the host, the system refuses the sandbox, or processes die too
+                often.
         """
+        self._sandbox = Sandbox(HOST_KINDS if self._is_sandboxed else ())
         awaited = _ENDING | {signal.SIGCHLD, _JOINED}
         signal.pthread_sigmask(signal.SIG_BLOCK, awaited)
         try:

@@ -52,6 +52,7 @@ class ServiceOptions:
         node_memory: how many bytes a node may take for a user's own code; None for any number.
         keys: the router's key folder, if members of the cluster show certificates; see `wire.members`.
         checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
+        sandbox: whether processes that run users' modules have no network, see `coordinator.launch.sandbox`.
     """
 
     state: Path | None = None
@@ -68,6 +69,7 @@ class ServiceOptions:
     node_memory: int | None = None
     keys: Path | None = None
     checkpoint_every: float | None = CHECKPOINT_EVERY
+    sandbox: bool = False
 
 
 def _ignore(_: str) -> None:

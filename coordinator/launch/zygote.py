@@ -33,6 +33,7 @@ from coordinator.launch.deaths import Deaths, how
 from coordinator.launch.folders import make_folder
 from coordinator.launch.imports import import_all
 from coordinator.launch.lifeline import at_end, comes_first, end_with_the_caller, first_line
+from coordinator.launch.sandbox import Sandbox, sandbox_of
 from coordinator.launch.stopped import NODE_TIMEOUT, StoppedChildren
 from lowlevel import capabilities, linux
 from wire.members import Identity
@@ -119,6 +120,7 @@ class Zygote:
         self._kinds = kinds  # of problem, whose kernels are loaded; None for all
         self.children: dict[int, str] = {}  # running children, process id to name
         self._core_tokens: CoreTokens = {}
+        self._sandbox = Sandbox()  # for nobody, until `run` makes another one
         self._nothing = os.open(os.devnull, os.O_RDWR)
         self._deaths = Deaths(folder)
 
@@ -153,8 +155,9 @@ class Zygote:
         """Fork every process and report their ids; stop when the caller ends meanwhile.
 
         Raises:
-            ClusterFailed: if the router cannot listen, or the system refuses so many processes.
+            ClusterFailed: if the router cannot listen, or the system refuses the sandbox or so many processes.
         """
+        self._sandbox = sandbox_of(self.service)
         complaint = self._fork_router()
         if complaint is not None:
             raise ClusterFailed(f"router {complaint}")
@@ -199,8 +202,7 @@ class Zygote:
 
     def _report_ordinary_paths(self) -> None:
         """Say in one line which low-level parts are not used here, and why."""
-        reasons = capabilities().reasons
-        if reasons:
+        if reasons := capabilities().reasons:
             parts = "; ".join(f"{part}: {reason}" for part, reason in reasons.items())
             self._log("info", f"ordinary paths are taken: {parts}", self.name)
 
@@ -267,6 +269,7 @@ class Zygote:
             self._deaths.note_birth(process)
             return
         try:
+            self._sandbox.enter(name)
             _be_a_child(parent, name, self._nothing)
             live()
         except BaseException as error:

@@ -81,6 +81,12 @@ def add_evaluation_limits(parser: "argparse._ActionsContainer") -> None:
     parser.add_argument("--node-memory", metavar="SIZE", type=size, help=words)
 
 
+def add_sandbox(parser: "argparse._ActionsContainer") -> None:
+    """Add the option that takes the network from processes that run users' modules."""
+    words = "users' modules run without a network, on nodes with --node-memory 2G unless that is given"
+    parser.add_argument("--sandbox", action="store_true", help=words)
+
+
 def add_eval_timeout(parser: "argparse._ActionsContainer") -> None:
     """Add the option that says when an evaluation counts as endless: while its job runs, and once that is stopped."""
     words = (
@@ -122,4 +128,6 @@ def place_of(options: argparse.Namespace) -> "Place":
 
 def tell(options: argparse.Namespace, value: dict[str, Any], words: str) -> None:
     """Print an answer: ``value`` as JSON if the options ask for that, else ``words``."""
-    print(json.dumps(value) if options.json else words)
+    from wire.printable import printable_lines
+
+    print(json.dumps(value) if options.json else printable_lines(words))

@@ -103,6 +103,8 @@ def _records(client: "Client", options: argparse.Namespace) -> Iterator[dict[str
 def _line(record: dict[str, Any]) -> str:
     from datetime import datetime
 
+    from wire.printable import printable
+
     at = datetime.fromtimestamp(record["at"]).isoformat(sep=" ", timespec="milliseconds")
     about = "  ".join(f"{name} {record[name]}" for name in ("job", "cell", "generation") if record[name] is not None)
-    return f"{at}  {record['level']:7}  {record['process']}: {record['text']}{'  ' + about if about else ''}"
+    return printable(f"{at}  {record['level']:7}  {record['process']}: {record['text']}{'  ' + about if about else ''}")

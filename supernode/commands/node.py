@@ -3,7 +3,13 @@
 import argparse
 
 from supernode import exits
-from supernode.commands.cluster_options import add_evaluation_limits, add_force, add_node_timeout, identity_of
+from supernode.commands.cluster_options import (
+    add_evaluation_limits,
+    add_force,
+    add_node_timeout,
+    add_sandbox,
+    identity_of,
+)
 from supernode.commands.role_options import (
     add_insecure,
     add_membership,
@@ -56,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_force(parser)
     add_node_timeout(parser)
     add_evaluation_limits(parser)
+    add_sandbox(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -69,6 +76,7 @@ def run(options: argparse.Namespace) -> int:
     from supernode.deploy.surroundings import surroundings
 
     router, cluster, around = endpoint_of(options), cluster_of(options), surroundings(os.environ)
+    _check_sandbox(options, router)
     nodes = around.nodes if options.nodes is None else number_of(options, "nodes")
     identity = identity_of(options, "node")
     listen = own_endpoint(endpoint(options.listen, "listen"), router) if options.listen else ""
@@ -79,6 +87,7 @@ def run(options: argparse.Namespace) -> int:
     if options.lifeline:
         end_with_stdin()
     from coordinator.launch.host import HostZygote
+    from coordinator.launch.sandbox import node_memory
     from node.suspects import EvaluationLimits
     from wire.hosts import Host
 
@@ -87,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
     host = Host(
         start if identity is None else identity.host_id(start), name, nodes, listen, label=options.label or around.label
     )
-    limits = EvaluationLimits(options.eval_timeout, options.node_memory)
+    limits = EvaluationLimits(options.eval_timeout, node_memory(options.node_memory, options.sandbox))
     HostZygote(
         cluster,
         router,
@@ -98,5 +107,26 @@ def run(options: argparse.Namespace) -> int:
         node_timeout=options.node_timeout,
         limits=limits,
         identity=identity,
+        sandbox=options.sandbox,
     ).run()
     return exits.OK
+
+
+def _check_sandbox(options: argparse.Namespace, router: str) -> None:
+    """Refuse a sandbox whose nodes would need a network.
+
+    Raises:
+        BadInput: if the router or other hosts are to be reached by one.
+    """
+    from problems.errors import BadInput
+    from wire.sessions import UNIX_SOCKET
+
+    if options.sandbox and not router.startswith(UNIX_SOCKET):
+        raise BadInput(
+            "--sandbox: expected --connect with the Unix socket of a cluster on this machine"
+            f" ({UNIX_SOCKET}PATH), since nodes in the sandbox have no network, found {router}"
+        )
+    if options.sandbox and options.listen:
+        raise BadInput(
+            f"--listen: expected none with --sandbox, since its nodes have no network, found {options.listen}"
+        )

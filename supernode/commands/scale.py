@@ -146,10 +146,11 @@ def _experiment(file: "ProblemFile", parameters: "Parameters", options: argparse
     from coordinator.experiments.outputs import as_json, as_words, write_all
     from coordinator.experiments.runner import Runner
     from coordinator.experiments.summary import summarise
+    from wire.printable import printable_lines
 
     def say(text: str) -> None:
         if not options.quiet:
-            print(text, file=sys.stderr, flush=True)
+            print(printable_lines(text), file=sys.stderr, flush=True)
 
     with Journal(Path(options.output), describe(file, parameters)) as journal:
         try:

@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING
 
 from supernode import exits
 from supernode.commands.checkpoint_options import add_checkpoint
-from supernode.commands.cluster_options import add_evaluation_limits, add_force, add_keys, add_node_timeout, identity_of
+from supernode.commands.cluster_options import (
+    add_evaluation_limits,
+    add_force,
+    add_keys,
+    add_node_timeout,
+    add_sandbox,
+    identity_of,
+)
 from supernode.commands.dashboard_options import add_dashboard
 from supernode.commands.role_options import add_insecure, add_log_json, check_listen
 from supernode.commands.run_options import torus, whole
@@ -61,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_force(parser)
     add_node_timeout(parser)
     add_evaluation_limits(parser)
+    add_sandbox(parser)
     add_checkpoint(parser, "30s")
     parser.add_argument("--detach", action="store_true", help="return when the cluster is ready, and leave it running")
 

@@ -84,10 +84,12 @@ def _live(screen: "Screen") -> None:
 
 
 def _lines(screen: "Screen") -> None:
+    from wire.printable import printable
+
     told = 0
     while True:
         for line in screen.snapshot["lines"]:
             if line["number"] > told:
                 told = line["number"]
-                print(f"{line['level']}: {line['text']}", flush=True)
+                print(printable(f"{line['level']}: {line['text']}"), flush=True)
         threading.Event().wait(_PERIOD)

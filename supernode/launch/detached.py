@@ -45,6 +45,8 @@ def _work_and_exit(work: Callable[[Ready], None], tell: int) -> None:
 
     The child leads a session of its own, so that Ctrl-C on the terminal does not reach it.
     """
+    from wire.printable import printable_lines
+
     said = False
     code = 1
 
@@ -60,7 +62,7 @@ def _work_and_exit(work: Callable[[Ready], None], tell: int) -> None:
         code = 0
     except BaseException as error:
         if said:
-            sys.stderr.write(f"error: {error}\n")
+            sys.stderr.write(f"error: {printable_lines(str(error))}\n")
         else:
             say(_blame(error), str(error) or type(error).__name__)
     finally:

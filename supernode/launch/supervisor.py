@@ -21,6 +21,7 @@ import topologies
 from coordinator.errors import ClusterFailed
 from coordinator.launch.compilation import compile_missing
 from coordinator.launch.launcher import Launcher, ServiceOptions
+from coordinator.launch.sandbox import node_memory
 from problems.errors import BadInput
 from supernode.client.client import Client
 from supernode.client.cluster_info import ClusterInfo, Place, occupy, remove_info, write_info
@@ -91,6 +92,8 @@ def launch_request_of(options: argparse.Namespace, folder: Path, keys: Path | No
         Place.at(endpoint, "--listen")
     if options.max_queue is not None and options.max_queue < 0:
         raise BadInput(f"--max-queue: expected at least 0, found {options.max_queue}")
+    if options.sandbox and options.on is not None:
+        raise BadInput(f"--sandbox: expected none with --on, whose nodes need a network, found --on {options.on}")
     keep_days, keep_records = check_keep(options.keep_days, options.keep_records)
     service = ServiceOptions(
         state=folder.absolute(),
@@ -103,9 +106,10 @@ def launch_request_of(options: argparse.Namespace, folder: Path, keys: Path | No
         allow_modules=tuple(options.allow_module),
         node_timeout=options.node_timeout,
         eval_timeout=options.eval_timeout,
-        node_memory=options.node_memory,
+        node_memory=node_memory(options.node_memory, options.sandbox),
         checkpoint_every=options.checkpoint,
         keys=keys,
+        sandbox=options.sandbox,
     )
     return LaunchRequest(_topology(options), service, wanted_address(options), options.force, options.on)
 

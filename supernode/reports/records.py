@@ -3,7 +3,7 @@
 import csv
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from problems import BadInput
 from supernode.files.outputs import unwritable
+from wire.printable import printable
 
 if TYPE_CHECKING:
     import pyarrow
@@ -82,16 +83,19 @@ def _events(view: dict[str, Any]) -> list[list[Any]]:
 def write_csv(found: Iterator[Page], name: str | None) -> None:
     """Write a line for each record, under column names with units; to stdout if ``name`` is None.
 
+    A terminal gets printable text; a file or a pipe gets the text as it is.
+
     Raises:
         BadInput: if the file cannot be written.
     """
     first = next(found)  # fetched before the file is opened: an unknown job leaves no empty file behind
     if name is None:
-        _write_lines(first, found, sys.stdout)
+        shown = _printable if sys.stdout.isatty() else _as_it_is
+        _write_lines(first, found, sys.stdout, shown)
         return
     try:
         with Path(name).open("w", encoding="utf-8", newline="") as file:
-            _write_lines(first, found, file)
+            _write_lines(first, found, file, _as_it_is)
     except OSError as error:
         raise unwritable(name, error) from None
 
@@ -118,11 +122,19 @@ def write_parquet(found: Iterator[Page], name: str) -> None:
         raise unwritable(name, error) from None
 
 
-def _write_lines(first: Page, others: Iterator[Page], file: TextIO) -> None:
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
+def _printable(value: Any) -> Any:
+    return printable(value) if isinstance(value, str) else value
+
+
+def _write_lines(first: Page, others: Iterator[Page], file: TextIO, shown: Callable[[Any], Any]) -> None:
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(map(_titled, first.columns))
+    writer.writerow([shown(_titled(column)) for column in first.columns])
     for page in chain((first,), others):
-        writer.writerows(page.rows)
+        writer.writerows([[shown(value) for value in row] for row in page.rows])
 
 
 def _titled(column: str) -> str:

@@ -13,6 +13,7 @@ from problems import BadInput, EvaluationFailed, ProblemFile, Run
 from problems.run import DEFAULT_STALL
 from spy.result import Result
 from supernode import exits
+from wire.printable import printable_lines
 
 
 def present(result: Result, file: ProblemFile, options: argparse.Namespace, interrupted: bool) -> int:
@@ -22,9 +23,9 @@ def present(result: Result, file: ProblemFile, options: argparse.Namespace, inte
     if options.json:
         print(json.dumps(result.to_json()))
     else:
-        print(_words(result))
+        print(printable_lines(_words(result)))
     if result.status == "failed":
-        print(f"error: {result.message}", file=sys.stderr)
+        print(f"error: {printable_lines(str(result.message))}", file=sys.stderr)
     elif options.plot is not None:
         _draw(result, file, options.plot)
     return exits.INTERRUPTED if interrupted else exit_code(result)
@@ -41,7 +42,7 @@ def _retimed(result: Result, file: ProblemFile) -> Result:
         with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
             timed = retimed(file.problem(), result.solution, Pace())
     except (BadInput, EvaluationFailed) as error:
-        print(f"warning: no times: {error}", file=sys.stderr)
+        print(f"warning: no times: {printable_lines(str(error))}", file=sys.stderr)
         return result
     print(f"retimed: {timed['trajectory']['t'][-1]:.3f} s", file=sys.stderr)
     return replace(result, solution=timed)
@@ -55,7 +56,7 @@ def _draw(result: Result, file: ProblemFile, name: str) -> None:
         with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
             save_picture(result, file, name)
     except BadInput as error:
-        print(f"warning: no picture: {error}", file=sys.stderr)
+        print(f"warning: no picture: {printable_lines(str(error))}", file=sys.stderr)
     else:
         print(f"picture: {name}", file=sys.stderr)
 

@@ -18,6 +18,7 @@ from supernode.client.cluster_info import Place
 from supernode.live.view import View, shape_of
 from supernode.live.watcher import PATIENCE, Watcher
 from wire.jobs import Show
+from wire.printable import printable, printable_lines
 
 _PERIOD = 0.5  # seconds between two snapshots
 _JOBS, _LINES = 8, 5  # jobs and log records shown
@@ -88,7 +89,7 @@ def drawn(snapshot: Mapping[str, Any], job: str | None, cell_nodes: Sequence[int
         cell_nodes: the nodes of that job, in the order of its cells, as far as they are known.
     """
     if not snapshot["answers"]:
-        return Text(snapshot["trouble"] or "waiting for the cluster", style="italic")
+        return _text(snapshot["trouble"] or "waiting for the cluster", style="italic")
     parts: list[RenderableType] = [_head(snapshot)]
     if job is None:
         parts += [_torus(snapshot), _jobs(snapshot)]
@@ -96,15 +97,19 @@ def drawn(snapshot: Mapping[str, Any], job: str | None, cell_nodes: Sequence[int
         found = next((each for each in snapshot["jobs"] if each["job"] == job), None)
         if found is not None:
             parts += [_of_job(snapshot, found), _torus(snapshot, found, cell_nodes)]
-    lines = (f"{each['level']}: {each['text']}" for each in snapshot["lines"][-_LINES:])
-    return Group(*parts, Text("\n".join(lines), style="dim"))
+    lines = (printable(f"{each['level']}: {each['text']}") for each in snapshot["lines"][-_LINES:])
+    return Group(*parts, _text("\n".join(lines), style="dim"))
+
+
+def _text(text: str, style: str = "") -> Text:
+    return Text(printable_lines(text), style)
 
 
 def _head(snapshot: Mapping[str, Any]) -> Text:
     states = snapshot["nodes"]["state"]
     alive = sum(state == "alive" for state in states)
     jobs = ", ".join(f"{count} {status}" for status, count in snapshot["counts"].items()) or "none yet"
-    return Text(f"cluster {snapshot['cluster']}: {alive} of {len(states)} nodes alive; jobs: {jobs}", style="bold")
+    return _text(f"cluster {snapshot['cluster']}: {alive} of {len(states)} nodes alive; jobs: {jobs}", style="bold")
 
 
 def _of_job(snapshot: Mapping[str, Any], job: Mapping[str, Any]) -> Text:
@@ -112,11 +117,11 @@ def _of_job(snapshot: Mapping[str, Any], job: Mapping[str, Any]) -> Text:
     words = f"job {job['job']} ({job['kind']}, {job['topology']}): {job['status']}, fitness {_figure(job['fitness'])}"
     now = snapshot["statistics"].get(job["number"])
     if now is None:
-        return Text(words)
+        return _text(words)
     spread = "  ".join(f"{name} {_figure(now[name])}" for name in ("best", "median", "worst"))
     messages = f"{now['messages_per_second']:.0f} messages/s  lost {now['lost']}  rejected {now['rejected']}"
     spread += f"  diversity {now['diversity']:.0%}  champion's age {now['age']}"
-    return Text(f"{words}\ngeneration {now['generation']}  {spread}  {messages}")
+    return _text(f"{words}\ngeneration {now['generation']}  {spread}  {messages}")
 
 
 def _jobs(snapshot: Mapping[str, Any]) -> RenderableType:
@@ -124,7 +129,7 @@ def _jobs(snapshot: Mapping[str, Any]) -> RenderableType:
     for job in snapshot["jobs"][: -_JOBS - 1 : -1]:
         now = snapshot["statistics"].get(job["number"], {})
         figures = (_figure(job["fitness"]), str(now.get("generation", "-")), str(job["cells"]))
-        table.add_row(Text(job["job"]), Text(job["kind"]), job["status"], *figures)
+        table.add_row(*map(_text, (job["job"], job["kind"], job["status"])), *figures)
     return table
 
 

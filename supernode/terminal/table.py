@@ -1,6 +1,11 @@
-"""Format tables for people: columns as wide as their contents, numbers aligned to the right."""
+"""Format tables for people: columns as wide as their contents, numbers aligned to the right.
+
+What is not printable is escaped.
+"""
 
 from collections.abc import Sequence
+
+from wire.printable import printable
 
 
 def table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
@@ -24,4 +29,4 @@ def _shown(value: object) -> str:
         return "-"
     if isinstance(value, float):
         return f"{value:.6g}"
-    return str(value)
+    return printable(str(value))

@@ -74,6 +74,18 @@ def test_people_read_one_line_too(file):
         assert word in line
 
 
+@pytest.mark.parametrize("as_json", [True, False])
+def test_text_of_others_cannot_move_the_cursor(as_json):
+    file, hostile = io.StringIO(), "\x1b[2J\r\x9b31m\u202e"
+    LogLines("c1", as_json, file).write(RECORD._replace(process=hostile, text=f"{hostile}\nforged"), hostile)
+    (line,) = file.getvalue().split("\n")[:-1]
+    assert not {"\x1b", "\r", "\x9b", "\u202e"} & set(line)
+    if as_json:
+        assert json.loads(line)["event"] == f"{hostile}\nforged"
+    else:
+        assert line.count(r"\x1b[2J\r\x9b31m\u202e") == 3
+
+
 def test_a_router_that_cannot_listen_any_more_is_a_line_of_the_log_too(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"

@@ -85,6 +85,7 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
         "node_memory": None,
         "checkpoint_every": 30.0,
         "keys": None,
+        "sandbox": False,
     }
     assert FakeLauncher.latest.closed
     assert not (tmp_path / "cluster.json").exists()
