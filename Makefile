@@ -10,7 +10,11 @@ BOTH_WAYS := tests/node/engine tests/node/test_driver.py tests/node/test_replay.
 FAST := tests/test_house.py tests/topologies tests/genetics tests/wire tests/spy tests/node/test_assignment.py \
   tests/node/test_cell.py tests/node/test_champions.py tests/node/test_stopping.py tests/coordinator/jobs/test_scheduler.py
 
-.PHONY: help run test test-fast lint kernels bench planners peers image clean
+# Of `make fuzz`: how long for each target, and one target only.
+MINUTES ?= 60
+TARGET ?=
+
+.PHONY: help run test test-fast lint kernels bench fuzz planners peers image clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -38,6 +42,10 @@ bench: $(VENV)/test  ## ratios and shares, measured side by side on this machine
 	$(BIN)/python -m benchmarks.exchange
 	$(BIN)/python -m benchmarks.evaluations
 
+fuzz: $(VENV)/test  ## readers of foreign input, MINUTES=60 for each; TARGET=name for one of them (docs/fuzzing.md)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
+	$(BIN)/python -m fuzz.run --minutes $(MINUTES) $(if $(TARGET),--target $(TARGET))
+
 planners: $(VENV)/test  ## how good each planner is, against its exact answer: an hour or so; writes docs/results.md
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[bench,ompl]'
 	$(BIN)/python -m benchmarks.planners
@@ -49,7 +57,7 @@ image: $(VENV)/core  ## the steps of the Dockerfile in a bare Debian, and an exa
 	$(BIN)/python -m benchmarks.image_in_chroot
 
 clean:
-	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png
+	rm -rf $(VENV) .fuzz .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png
 
 $(VENV)/core: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

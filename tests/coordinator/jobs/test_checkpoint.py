@@ -21,7 +21,9 @@ WHOLE = Checkpoint(
     FILE.with_run(topology="ring 2"),
     3,
     {"do": "rewire", "topology": "ring 2"},
-    Past(epochs=3, generations=40, history="ab").led_on({"do": "update", "epoch": 1, "fields": {"name": "onemax"}}),
+    Past(epochs=3, generations=40, history="ab").led_on(
+        {"do": "update", "epoch": 1, "generation": 9, "fields": {"name": "onemax"}}
+    ),
     7,
     Improvement(1, 3, 0.5, 12, 1, math.inf, False, {"bits": [0, 1]}),
     8.5,
