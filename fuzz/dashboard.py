@@ -16,7 +16,6 @@ from pathlib import Path
 import supernode
 from fuzz.limits import GIVEN_UP_AFTER, MOST_MEGABYTES
 from fuzz.target import ROOT
-from supernode.client.cluster_info import read_info
 
 _ROUTES = Path(__file__).with_name("dashboard.yaml")
 _ENDLESS = {"target": -1.0, "generations": (1 << 31) - 1}
@@ -33,21 +32,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         up = subprocess.Popen([*command, "--dashboard", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True)
         try:
             assert up.stdout is not None
-            up.stdout.readline()  # it is ready
-            return _ask(Path(state), up.pid, options.seconds, options.folder)
+            url = up.stdout.readline().partition("dashboard ")[2].strip().rstrip("/")  # it is ready
+            return _ask(url, Path(state), up.pid, options.seconds, options.folder)
         finally:
             up.terminate()
             up.wait()
 
 
-def _ask(state: Path, up: int, seconds: int, folder: Path) -> int:
+def _ask(url: str, state: Path, up: int, seconds: int, folder: Path) -> int:
     with supernode.connect(state) as client:
         client.submit(str(ROOT / "examples" / "rastrigin.toml"), id="a", **_ENDLESS)
-    before, url = _dashboard_below(up), read_info(state).dashboard
-    assert url is not None
+    before = _dashboard_below(up)
     asked = subprocess.run(
         [
-            *(sys.executable, "-m", "schemathesis.cli", "fuzz", str(_ROUTES), "--url", url.rstrip("/")),
+            *(sys.executable, "-m", "schemathesis.cli", "fuzz", str(_ROUTES), "--url", url),
             *("--checks", "no_internal_error", "--max-time", str(seconds), "--warnings", "off"),
             *("--max-response-time", str(GIVEN_UP_AFTER), "--generation-database", "none"),
             *("--report", "junit", "--report-dir", str(folder), "--no-color"),
