@@ -18,7 +18,7 @@ from fuzz.limits import GIVEN_UP_AFTER, MOST_MEGABYTES
 from fuzz.target import ROOT
 
 _ROUTES = Path(__file__).with_name("dashboard.yaml")
-_ENDLESS = {"target": -1.0, "generations": (1 << 31) - 1}
+_ENDLESS = {"topology": "torus 2x2", "target": -1.0, "generations": (1 << 31) - 1}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

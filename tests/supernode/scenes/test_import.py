@@ -309,7 +309,7 @@ def test_the_example_is_what_the_tutorial_s_command_writes(capsys, tmp_path):
     assert {**fields, "robot": None} == {**expected, "robot": None}
 
 
-# What others made -------------------------------------------------------------------------------------------------------
+# What others made
 BOX = "(noname)+\n* thing\n1\nbox\n{size}\n{place}\n0 0 0 1\n0 0 0 0\n.\n"
 MESH = "(noname)+\n* thing\n1\nmesh\n3 1\n0 0 0\n1 0 0\n0 1 0\n{corners}\n0 0 0\n0 0 0 1\n0 0 0 0\n.\n"
 
