@@ -73,8 +73,8 @@ def _command(name: str, minutes: float, folder: Path) -> list[str]:
 
 
 def _last_state(lines: list[str]) -> str:
-    """Return the last line in which libFuzzer says how many inputs it has tried and how much code they reached."""
-    return next((line for line in reversed(lines) if line.startswith(("#", "DONE", "asked"))), "")
+    """Return the line that says how many inputs were tried, or how long the dashboard was asked."""
+    return next((line for line in reversed(lines) if line.startswith(("Done ", "asked "))), "")
 
 
 if __name__ == "__main__":

@@ -153,7 +153,7 @@ class Past:
             Rejected: if ``text`` is not the output of `to_json`.
         """
         try:
-            *counts, messages, staleness, history, champion = fields(json.loads(text), 7)
+            epochs, generations, evaluations, messages, staleness, history, champion = fields(json.loads(text), 7)
             known = None if champion is None else Champion.of([*champion[:-1], bytes.fromhex(champion[-1])])
             if history is not None:
                 bytes.fromhex(of(str, history))
@@ -162,7 +162,9 @@ class Past:
         except (ValueError, TypeError, IndexError, RecursionError) as error:
             raise Rejected("no past") from error
         return Past(
-            *map(count, counts),
+            count(epochs),
+            count(generations),
+            count(evaluations),
             Messages(*map(count, fields(messages, 4))),
             Staleness(*map(count, fields(staleness, 4))),
             history,
