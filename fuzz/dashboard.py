@@ -1,6 +1,6 @@
 """Ask the dashboard of a running cluster for whatever schemathesis makes of its routes (`dashboard.yaml`).
 
-Usage: python -m fuzz.dashboard [--seconds 60] [--folder DIR]
+Usage: python -m fuzz.dashboard [--seconds 60]
 
 An answer 500, one that takes longer than the limit, a dashboard that died or one that is too large is a finding.
 """
@@ -25,7 +25,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Start a cluster with a dashboard and a job, ask, and return 0 if nothing was found."""
     parser = argparse.ArgumentParser(prog="python -m fuzz.dashboard", description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=int, default=60, help="how long to ask (%(default)s)")
-    parser.add_argument("--folder", type=Path, default=Path(), help="of the requests that schemathesis reports")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="fuzz-") as state:
         command = [*(sys.executable, "-m", "supernode", "up", "--topology", "torus 2x2"), "--state", state]
@@ -33,13 +32,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             assert up.stdout is not None
             url = up.stdout.readline().partition("dashboard ")[2].strip().rstrip("/")  # it is ready
-            return _ask(url, Path(state), up.pid, options.seconds, options.folder)
+            return _ask(url, Path(state), up.pid, options.seconds)
         finally:
             up.terminate()
             up.wait()
 
 
-def _ask(url: str, state: Path, up: int, seconds: int, folder: Path) -> int:
+def _ask(url: str, state: Path, up: int, seconds: int) -> int:
     with supernode.connect(state) as client:
         client.submit(str(ROOT / "examples" / "rastrigin.toml"), id="a", **_ENDLESS)
     before = _dashboard_below(up)
@@ -47,9 +46,10 @@ def _ask(url: str, state: Path, up: int, seconds: int, folder: Path) -> int:
         [
             *(sys.executable, "-m", "schemathesis.cli", "fuzz", str(_ROUTES), "--url", url),
             *("--checks", "no_internal_error", "--max-time", str(seconds), "--warnings", "off"),
-            *("--max-response-time", str(GIVEN_UP_AFTER), "--generation-database", "none"),
-            *("--report", "junit", "--report-dir", str(folder), "--no-color"),
+            *("--request-timeout", str(GIVEN_UP_AFTER), "--generation-database", "none"),
+            "--no-color",
         ],
+        cwd=state,  # where schemathesis keeps its notes
         env=os.environ | {"SCHEMATHESIS_HOOKS": "fuzz.dashboard_checks", "PYTHONPATH": str(ROOT)},
         check=False,
     )

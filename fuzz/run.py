@@ -60,7 +60,7 @@ def _fuzz(name: str, minutes: float, folder: Path) -> bool:
 def _command(name: str, minutes: float, folder: Path) -> list[str]:
     seconds = round(60 * minutes)
     if name == _DASHBOARD:
-        return [sys.executable, "-m", "fuzz.dashboard", "--seconds", str(seconds), "--folder", str(folder / "findings")]
+        return [sys.executable, "-m", "fuzz.dashboard", "--seconds", str(seconds)]
     return [
         *(sys.executable, "-m", "fuzz.one", name),
         f"-max_total_time={seconds}",
