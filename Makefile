@@ -13,7 +13,11 @@ FAST := tests/test_house.py tests/topologies tests/genetics tests/wire tests/spy
 # What the image has beside the core: see the Dockerfile.
 IMAGE_EXTRAS := service postgres dynamics mesh dashboard
 
-.PHONY: help run test test-fast lint kernels bench planners peers image lock sbom clean
+# Of `make fuzz`: how long for each target, and one target only.
+MINUTES ?= 60
+TARGET ?=
+
+.PHONY: help run test test-fast lint kernels bench fuzz planners peers image lock sbom clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -41,6 +45,10 @@ bench: $(VENV)/test  ## ratios and shares, measured side by side on this machine
 	$(BIN)/python -m benchmarks.exchange
 	$(BIN)/python -m benchmarks.evaluations
 
+fuzz: $(VENV)/test  ## readers of foreign input, MINUTES=60 for each; TARGET=name for one of them (docs/fuzzing.md)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
+	$(BIN)/python -m fuzz.run --minutes $(MINUTES) $(if $(TARGET),--target $(TARGET))
+
 planners: $(VENV)/test  ## how good each planner is, against its exact answer: an hour or so; writes docs/results.md
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[bench,ompl]'
 	$(BIN)/python -m benchmarks.planners
@@ -64,7 +72,7 @@ sbom: $(VENV)/core  ## list the image's libraries for scanners (CycloneDX): writ
 	  --pyproject pyproject.toml --output-reproducible --output-file sbom.json requirements.lock
 
 clean:
-	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png sbom.json
+	rm -rf $(VENV) .fuzz .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png sbom.json
 
 $(VENV)/core: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -99,8 +99,19 @@ def _too_few(complaints: list[Any], error: ValidationError) -> str:
 
 
 def shorten(value: Any) -> str:
-    """Return ``value`` as JSON for a message, cut to a readable length."""
-    text = json.dumps(value, default=str)
+    """Return ``value`` as JSON for a message, cut to a readable length.
+
+    YAML can hold a value many times at little cost, or within itself, and keys that JSON lacks. So only as much is
+    encoded as is shown.
+    """
+    text = ""
+    try:
+        for part in json.JSONEncoder(default=str).iterencode(value):
+            text += part
+            if len(text) > _LONGEST_FOUND:
+                break
+    except (TypeError, ValueError):
+        text += "…"
     return text if len(text) <= _LONGEST_FOUND else text[: _LONGEST_FOUND - 1] + "…"
 
 

@@ -14,6 +14,7 @@ from genetics.coding import Coding
 from problems import registry
 from problems.digests import digest
 from problems.errors import BadInput, blaming_the_update, first_line, shorten
+from problems.plain_values import refuse_nested
 from problems.problem import CHECKED, Problem
 from problems.run import Run, with_topology
 
@@ -241,7 +242,9 @@ class ProblemFile:
             BadInput: if ``text`` is not the output of `to_json`.
         """
         try:
-            name, fields, run, folder, *attempt = json.loads(text)
+            found = json.loads(text)
+            refuse_nested(found)
+            name, fields, run, folder, *attempt = found
             number, changed = attempt or (0, {})
             right = isinstance(name, str) and isinstance(fields, dict) and isinstance(fields.get("kind"), str)
             right = right and type(number) is int and number >= 0 and isinstance(changed, dict)
@@ -351,6 +354,7 @@ def _plain(text: str, name: str) -> dict[str, Any]:
     """Parse TOML and return plain JSON values; dates become strings."""
     try:
         plain: dict[str, Any] = json.loads(json.dumps(tomllib.loads(text), default=str))
+        refuse_nested(plain)
     except (ValueError, RecursionError) as error:  # raised, too, for numbers too long and tables nested too deep
         raise BadInput(f"{name}: expected TOML, found {error}") from None
     return plain

@@ -16,6 +16,7 @@ from types import ModuleType
 
 from lowlevel import capabilities
 from problems.errors import BadInput, did_you_mean
+from problems.plain_values import is_file
 from problems.problem import Problem
 
 GROUP = "supernode.problems"
@@ -145,7 +146,7 @@ def _module(name: str, folder: Path | None) -> ModuleType:
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))  # so that a user's module can import others beside it
     beside = folder / f"{name}.py"
-    if not beside.is_file():
+    if not is_file(beside):
         return importlib.import_module(name)
     old = sys.modules.get(name)
     # Replacing a module that this process uses itself, such as one of the standard library, would break it.

@@ -16,6 +16,7 @@ from problems import ProblemFile
 from topologies import ROOT
 from wire.exchange import Champion
 from wire.report import Report, Staleness
+from wire.strict import Rejected, count, fields, of
 
 MOST_BYTES = 4 << 20
 """The most bytes of one job's directives, as JSON; beyond that the older ones are merged into one."""
@@ -146,13 +147,29 @@ class Past:
 
     @staticmethod
     def from_json(text: str) -> "Past":
-        """Return the past that `to_json` has written, without directives."""
-        epochs, generations, evaluations, messages, staleness, history, champion = json.loads(text)
-        known = None
-        if champion is not None:
-            fitness, generation, cell, genome = champion
-            known = Champion(fitness, generation, cell, bytes.fromhex(genome))
-        return Past(epochs, generations, evaluations, Messages(*messages), Staleness(*staleness), history, known)
+        """Return the past that `to_json` has written, without directives.
+
+        Raises:
+            Rejected: if ``text`` is not the output of `to_json`.
+        """
+        try:
+            epochs, generations, evaluations, messages, staleness, history, champion = fields(json.loads(text), 7)
+            known = None if champion is None else Champion.of([*champion[:-1], bytes.fromhex(champion[-1])])
+            if history is not None:
+                bytes.fromhex(of(str, history))
+        except Rejected:
+            raise
+        except (ValueError, TypeError, IndexError, RecursionError) as error:
+            raise Rejected("no past") from error
+        return Past(
+            count(epochs),
+            count(generations),
+            count(evaluations),
+            Messages(*map(count, fields(messages, 4))),
+            Staleness(*map(count, fields(staleness, 4))),
+            history,
+            known,
+        )
 
 
 def best_known(reports: Sequence[Report], spy: str) -> Champion | None:

@@ -3,11 +3,16 @@
 Keys name nodes and other processes, never jobs: keys that are new with each job would leak in Zenoh.
 """
 
+import re
 from dataclasses import dataclass
+
+from wire.strict import Rejected
 
 PREFIX = "supernode"
 ANYONE = "anyone"
 """The name of clients that show no certificate."""
+
+_LIFE = re.compile(r".*/(?:spy|node/([0-9]{1,18}))/life/([0-9]{1,18})(?:\+[^-/]*)?(?:-[^/]*)?", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -51,9 +56,16 @@ class Keys:
 
     @staticmethod
     def life_of(key: str) -> tuple[int | None, int]:
-        """Return the node (None: the spy) and the process id that a key of `life` or `spy_life` names."""
-        *_, whose, _, life = key.split("/")
-        return (None if whose == "spy" else int(whose)), int(life.partition("-")[0].partition("+")[0])
+        """Return the node (None: the spy) and the process id that a key of `life` or `spy_life` names.
+
+        Raises:
+            Rejected: if it is no such key. Anything that reaches the router can hold a token of any name.
+        """
+        found = _LIFE.fullmatch(key)
+        if found is None:
+            raise Rejected("no such life")
+        node, process = found.groups()
+        return (None if node is None else int(node)), int(process)
 
     @staticmethod
     def crash_of_life(key: str) -> str:

@@ -150,7 +150,7 @@ def _parsed(line: bytes) -> Record | None:
     """Return the record in a line; None if the line is incomplete."""
     try:
         record = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     whole = isinstance(record, dict) and isinstance(record.get("type"), str) and line.endswith(b"\n")
     return record if whole else None
@@ -159,7 +159,7 @@ def _parsed(line: bytes) -> Record | None:
 def _object(path: Path) -> Record:
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: expected JSON, found {error}") from None
     if not isinstance(value, dict):
         raise BadInput(f"{path}: expected a JSON object, found {type(value).__name__}")

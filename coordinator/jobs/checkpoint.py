@@ -13,9 +13,9 @@ from typing import Any
 from node.fingerprint import fingerprint
 from problems import BadInput, ProblemFile
 from problems.modules import Modules
-from spy.past import Past
+from spy.past import SEVERAL, Past
 from wire.news import Improvement
-from wire.strict import Rejected, count, fields, fitness, of, pack, table, unpack
+from wire.strict import count, fields, fitness, of, pack, table, unpack
 
 KEPT = 3
 """How many checkpoints of a job are kept: if the latest is damaged, the one before is used."""
@@ -121,7 +121,7 @@ class Checkpoint:
             return _read(content, modules)
         except BadInput:  # of the problem file in it
             raise
-        except (Rejected, ValueError, TypeError) as error:
+        except ValueError as error:
             raise BadInput(f"expected a checkpoint, found one that is damaged ({error})") from None
 
 
@@ -152,10 +152,21 @@ def _read(content: bytes, modules: Modules) -> Checkpoint:
         modules.read(of(str, file)),
         count(epoch),
         table(why),
-        Past.from_json(of(str, past)).led_on(*(table(text) for text in of(list, directives))),
+        Past.from_json(of(str, past)).led_on(*map(_directive, of(list, directives))),
         count(lived_before),
         None if best is None else Improvement.decode(of(bytes, best)),
         fitness(seconds),
         tuple((count(generation), of(bytes, state)) for generation, state in cells),
         {name: of(str, its) for name, its in table(versions).items()},
     )
+
+
+def _directive(text: Any) -> dict[str, Any]:
+    """Return the directive in a text, with the fields that all have."""
+    directive = table(text)
+    of(str, directive.get("do"))
+    count(directive.get("epoch"))
+    count(directive.get("generation"))
+    if "fields" in directive or directive["do"] in ("update", "retry", SEVERAL):
+        of(dict, directive.get("fields"))
+    return directive

@@ -129,7 +129,10 @@ class Roster:
 
     def _see(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        (node, process), host = self._keys.life_of(key), self._keys.host_of_life(key)
+        try:
+            (node, process), host = self._keys.life_of(key), self._keys.host_of_life(key)
+        except Rejected:
+            return
         is_here = sample.kind == zenoh.SampleKind.PUT
         if node is None and (is_here or process == self._spy):  # an old spy's token may go after the new one's has come
             self._spy = process if is_here else None

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.errors import BadInput
+from problems.plain_values import is_file
 
 _PACKAGE = "example-robot-data"
 _LEAST_INERTIA = 1e-12  # kg m²: a mass matrix with a smaller eigenvalue counts as singular
@@ -124,7 +125,7 @@ def _path(name: str, folder: Path) -> Path:
         if not home.is_dir():
             raise BadInput(f"arm.urdf: {_MISSING.format(_PACKAGE)}")
         path = home / inner
-    if not path.is_file():
+    if not is_file(path):
         raise BadInput(f"arm.urdf: expected a URDF, found no file {path}")
     return path
 

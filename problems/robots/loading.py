@@ -14,6 +14,7 @@ from urllib.parse import unquote
 
 from problems.angles import in_unit
 from problems.errors import BadInput, did_you_mean
+from problems.plain_values import is_file
 from problems.robots.meshes import UNSCALED, Scale, encode_mesh, read_mesh, scaled_name
 from problems.robots.urdf import Geometry, Urdf, completed, read_urdf
 
@@ -130,7 +131,7 @@ class Finder:
             raise BadInput(f"{where}: expected a mesh on this computer, found {name}; save it beside the URDF")
         places = list(dict.fromkeys(self._places(name)))
         for place in places:
-            if place.is_file():
+            if is_file(place):
                 return place
         listed = ", ".join(map(str, places[:_MOST_PLACES]))
         more = f" and {len(places) - _MOST_PLACES} more places" if len(places) > _MOST_PLACES else ""
@@ -167,7 +168,7 @@ def _gather_shape(table: Fields, folder: Path, where: str, meshes: dict[str, str
     x, y, z = (float(each) for each in factors)
     name = shape_name(file, (x, y, z))
     path = folder / file
-    if not path.is_file():
+    if not is_file(path):
         raise BadInput(f"{where}: expected a mesh, found no file {path}")
     text = encode_mesh(*read_mesh(path, (x, y, z), where))
     if meshes.setdefault(name, text) != text:
@@ -194,7 +195,7 @@ def read_text(path: Path, where: str) -> str:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise BadInput(f"{where}: expected a file, found no file {path}") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise BadInput(f"{where}: expected a text file, found {path}: {error}") from None
 
 
@@ -209,7 +210,7 @@ def path_of(name: str, folder: Path, where: str) -> Path:
     wanted, robots = name.removeprefix(_PREFIX), robots_of_extra()
     home = home_of_extra()
     inner = home / wanted if home is not None else None
-    if inner is not None and "/" in wanted and inner.is_file():
+    if inner is not None and "/" in wanted and is_file(inner):
         return inner
     if not robots:
         raise BadInput(

@@ -140,12 +140,20 @@ def _triangles_of(scene: Any, path: Path, where: str) -> Mesh:
         part = scene.geometry[name]
         if not hasattr(part, "faces"):  # lines and points have no surface
             continue
-        points = np.asarray(part.vertices, np.float64)
+        points, faces = np.asarray(part.vertices, np.float64), np.asarray(part.faces, np.int64)
+        # Not every reader of trimesh checks what it reads.
+        if points.shape[1:] != (3,) or faces.shape[1:] != (3,) or (faces.size and not _are_numbers(faces, points)):
+            raise BadInput(f"{where}: expected triangles of points in space, found others in {path}")
         # Written out, as a product by BLAS may differ in its last bits from one processor to another.
         vertices.append(np.einsum("ij,nj->ni", placement[:3, :3], points) + placement[:3, 3])
-        triangles.append(np.asarray(part.faces, np.int64) + count)
+        triangles.append(faces + count)
         count += len(points)
     return np.concatenate(vertices), np.concatenate(triangles)
+
+
+def _are_numbers(faces: Integers, points: Floats) -> bool:
+    """Return whether the faces are numbers of these points."""
+    return bool(faces.min() >= 0 and faces.max() < len(points))
 
 
 def _without_empty(vertices: Floats, triangles: Integers) -> Mesh:

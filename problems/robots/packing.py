@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import zlib
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -49,12 +50,13 @@ def unpack(text: str) -> Arrays:
             raise ValueError("too long, or cut off")
         size = int.from_bytes(whole[:4], "little")
         return _read(json.loads(whole[4 : 4 + size]), whole, 4 + size)
-    except (ValueError, TypeError, KeyError, IndexError, zlib.error) as error:
+    except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, zlib.error) as error:
         raise ValueError(f"expected a packed model, found another text ({error})") from error
 
 
 def _read(header: list[Any], whole: bytes, place: int) -> Arrays:
     parts: Arrays = {}
+    left = _MOST_BYTES
     for name, *what in header:
         if len(what) == 1:
             parts[name] = tuple(str(each) for each in what[0])
@@ -63,13 +65,19 @@ def _read(header: list[Any], whole: bytes, place: int) -> Arrays:
         if kind not in _TYPES:
             raise ValueError(f"unknown type {kind!r}")
         stored = np.dtype(kind).newbyteorder(_LITTLE)
-        count = int(np.prod(shape, dtype=np.int64))
+        count = math.prod(shape)
+        left -= 8 * count
+        if count < 0 or left < 0:
+            raise ValueError("too long")
         array = np.frombuffer(whole, stored, count, place).reshape(shape)
         place += count * stored.itemsize
         parts[name] = array.astype(np.float64 if kind.startswith("float") else np.int64)
     for name in [each for each in parts if each.endswith("/corners")]:
         own = name.removesuffix("/corners")
         which, corners = parts.pop(f"{own}/which"), parts.pop(name)
+        left -= 24 * which.size
+        if left < 0:
+            raise ValueError("too long")
         parts[own] = corners[which].reshape(len(which), 9)
     return parts
 

@@ -202,6 +202,8 @@ class Proof:
     def of_path(self, path: Sequence[Configuration] | Floats, clearance: float = 0.0) -> PathProof:
         """Prove that the straight segments between configurations keep the clearance, m, or say where they do not.
 
+        Of a path that leaves the limits only the configurations are tested.
+
         Args:
             path: at least one configuration, rad or m.
             clearance: the least distance that must be kept, m.
@@ -210,7 +212,8 @@ class Proof:
         objections = [f"point {at}: {text}" for at, each in enumerate(points, 1) for text in self.beyond_limits(each)]
         walk = _Walk(self._pairs, points, clearance)
         walk.at_points()
-        walk.between()
+        if not objections:  # beyond the limits a segment may have any length, and halving it would never end
+            walk.between()
         for pair, (segment, share, distance) in sorted(walk.hits.items(), key=lambda hit: hit[1]):
             objections.append(self._in_words(points, segment, share, pair, distance, clearance))
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -12,6 +12,7 @@ from problems.robots.urdf import Urdf, read_xml
 
 WHERE = "robot.srdf"
 Pair = tuple[str, str]  # names of links, sorted
+_DEEPEST = 50  # groups within groups
 
 
 def pair_of(one: str, other: str) -> Pair:
@@ -57,7 +58,7 @@ class Srdf:
         Raises:
             BadInput: if there is no such group, or it names what the URDF does not have, or no joint of it moves.
         """
-        names = list(dict.fromkeys(self._joints(group, urdf, ())))
+        names = list(dict.fromkeys(self._joints(group, urdf, (), set())))
         moving = [name for name in names if name in urdf.movable]
         if not moving:
             raise BadInput(
@@ -66,7 +67,11 @@ class Srdf:
             )
         return moving
 
-    def _joints(self, group: str, urdf: Urdf, within: tuple[str, ...]) -> list[str]:
+    def _joints(self, group: str, urdf: Urdf, within: tuple[str, ...], done: set[str]) -> list[str]:
+        """Return the joints of a group but for those of the groups ``done``, which are named already.
+
+        Without these, a few groups that each name another one twice would have joints without number.
+        """
         if group not in self.groups:
             raise BadInput(
                 f"robot.group: expected one of {', '.join(self.groups) or 'no groups'} of the SRDF, found {group!r}"
@@ -74,10 +79,14 @@ class Srdf:
             )
         if group in within:
             raise BadInput(f"{WHERE}: group {group!r}: expected other groups in it, found the group itself")
+        if group in done:
+            return []
+        if len(within) > _DEEPEST:
+            raise BadInput(f"{WHERE}: group {group!r}: expected it within at most {_DEEPEST} others, found more")
         names: list[str] = []
         for tag, own in self.groups[group]:
             if tag == "group":
-                names += self._joints(own.get("name", ""), urdf, (*within, group))
+                names += self._joints(own.get("name", ""), urdf, (*within, group), done)
             elif tag == "chain":
                 names += _chain(group, own, urdf)
             elif tag == "joint":
@@ -85,6 +94,7 @@ class Srdf:
             else:
                 link = _known(group, "link", own.get("name", ""), urdf.links)
                 names += [urdf.above[link].name] if link in urdf.above else []
+        done.add(group)
         return names
 
 

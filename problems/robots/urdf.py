@@ -170,7 +170,7 @@ def read_xml(text: str, where: str, what: str) -> ElementTree.Element:
         raise BadInput(f"{where}: expected {what} without a document type, found <!DOCTYPE; remove it")
     try:
         root = ElementTree.fromstring(text.encode())
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter two: of an unknown encoding
         raise BadInput(f"{where}: expected {what}, found no XML: {error}") from None
     if root.tag != "robot":
         raise BadInput(f"{where}: expected {what} with the element <robot>, found <{root.tag}>")

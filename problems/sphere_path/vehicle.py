@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import field_validator, model_validator
 
 from problems.errors import BadInput, shorten
+from problems.plain_values import is_file
 from problems.plane import Point, simple_polygon
 from problems.tables import Table, quantity
 
@@ -116,7 +117,7 @@ def _read(name: str, field: str, folder: Path) -> Floats:
     path = folder / name
     if path.suffix.lower() not in (".stl", ".obj"):
         raise BadInput(f"{field}.file: expected a file that ends in .stl or .obj, found {shorten(name)}")
-    if not path.is_file():
+    if not is_file(path):
         raise BadInput(f"{field}.file: expected a file beside the problem file, found no {shorten(name)}")
     try:
         triangles = np.array(trimesh.load_mesh(path, process=False).triangles, np.float64)

@@ -82,7 +82,7 @@ def _improvements(name: str) -> list[str]:
                     found.append(line.rstrip("\n"))
     except OSError as error:
         raise BadInput(f"{name}: expected a run log that can be read, found {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BadInput(f"{name}: expected a run log, JSON Lines, found {error}") from error
     return found
 

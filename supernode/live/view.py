@@ -14,6 +14,7 @@ from supernode.client.job_feed import improvement_in
 from wire.keys import Keys
 from wire.news import Counters, Improvement, LogRecord, Statistics, period_of_reports
 from wire.plain import plain
+from wire.strict import Rejected
 
 SHOWN_FOR = 2.0  # seconds that a death, and then an arrival, is shown at least: a node is often replaced sooner
 _LINES = 50  # log records and events that are kept
@@ -140,7 +141,10 @@ class View:
 
     def hear_life(self, key: str, is_there: bool) -> None:
         """Take the appearance or the loss of a process's liveliness token, if it is a node's."""
-        number, _ = Keys.life_of(key)
+        try:
+            number, _ = Keys.life_of(key)
+        except Rejected:
+            return
         if number is None or number >= _MOST_NODES:
             return
         self._stirred = True

@@ -45,7 +45,7 @@ def read_problem(plain: Any, number: int, file: str) -> Scene:
     # Without names, the robot's own joints in their order are meant; `problem_fields` names them.
     names = joints or [f"#{place}" for place in range(len(start))]
     others = problem.get("others")
-    values = {} if others is None else {name: others.need(name).number() for name in others.value}
+    values = {} if others is None else {name: each.number() for name, each in others.items()}
     values |= dict(zip(_FINGERS, (each.number() for each in problem.each("fingers")), strict=False))
     return Scene(
         solids=[_solid(each) for each in problem.each("obstacles")],

@@ -8,6 +8,8 @@ is shows the line below the first id: three numbers, or one.
 
 from __future__ import annotations
 
+import contextlib
+import math
 import re
 from collections.abc import Callable
 from typing import TypeVar
@@ -130,10 +132,12 @@ class _Reader:
         values = []
         for _ in range(count):
             word = self.word(expected)
-            try:
-                values.append(kind(word))
-            except ValueError:
-                raise self.error(f"a number ({expected})", word) from None
+            with contextlib.suppress(ValueError):
+                value = kind(word)
+                if abs(value) < math.inf:  # neither is NaN
+                    values.append(value)
+                    continue
+            raise self.error(f"a number ({expected})", word)
         return values
 
     def count(self, expected: str) -> int:

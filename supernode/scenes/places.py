@@ -13,6 +13,7 @@ Floats = NDArray[np.float64]
 
 HERE: Floats = np.eye(4)
 _DIGITS = 12  # that are written: far below a rounded unit quaternion's error
+_MOST_AWAY = 1e6  # m: beyond what problem files may hold, and far below where sums of places would overflow
 _MOST_OFF = 0.05  # by which the length of a quaternion may differ from 1: files round
 
 
@@ -20,10 +21,12 @@ def place(position: Sequence[float], quaternion: Sequence[float]) -> Floats:
     """Return a place; the quaternion 0, 0, 0, 0, which ROS means by none, is no turn.
 
     Raises:
-        ValueError: if the quaternion is not of length 1, but for rounding.
+        ValueError: if the quaternion is not of length 1, but for rounding, or the position is too far away.
     """
     x, y, z, w = quaternion
     length = float(np.sqrt(x * x + y * y + z * z + w * w))
+    if max(map(abs, position)) > _MOST_AWAY:
+        raise ValueError(f"expected a position within {_MOST_AWAY:g} m, found {list(position)}")
     matrix = np.eye(4)
     matrix[:3, 3] = position
     if length > 0.0:

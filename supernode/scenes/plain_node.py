@@ -52,6 +52,13 @@ class Node:
             raise BadInput(f"{self.file}: {path}: expected this field, found nothing{meant}")
         return found
 
+    def items(self) -> Iterator[tuple[str, Node]]:
+        """Yield the names and fields of a table."""
+        if not isinstance(self.value, Mapping):
+            raise self.error("a table")
+        for name, value in self.value.items():
+            yield str(name), Node(value, self.file, f"{self.path}.{name}")
+
     def each(self, name: str) -> list[Node]:
         """Return the elements of a list; none if the field is not there."""
         found = self.get(name)
@@ -77,7 +84,10 @@ class Node:
         """Return a text."""
         if not isinstance(self.value, str | int | float):  # YAML reads an id such as 7 as a number
             raise self.error("a text")
-        return str(self.value)
+        text = str(self.value)
+        if not text.isascii() and any("\ud800" <= each <= "\udfff" for each in text):
+            raise self.error("a text that UTF-8 can hold")
+        return text
 
     def numbers(self, count: int | None = None) -> list[float]:
         """Return numbers: of a list, or of a table with x, y, z and w."""

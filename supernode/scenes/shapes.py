@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from problems.errors import BadInput
+from problems.errors import BadInput, shorten
 from supernode.scenes.scene import Mesh
 
 KINDS = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone"}
@@ -61,14 +61,15 @@ def mesh(vertices: Sequence[Sequence[float]], triangles: Sequence[Sequence[int]]
         BadInput: if it has no triangles, or these name vertices that are not there.
     """
     points = np.array(vertices, np.float64).reshape(-1, 3)
-    corners = np.array(triangles, np.int64).reshape(-1, 3)
-    if not len(corners):
+    numbers = [number for triangle in triangles for number in triangle]
+    if not numbers:
         raise BadInput(f"{where}: expected a mesh with triangles, found none; remove it")
-    if corners.min() < 0 or corners.max() >= len(points):
+    if min(numbers) < 0 or max(numbers) >= len(points):  # before they become int64, which some may be too large for
         raise BadInput(
-            f"{where}: expected triangles of vertices 0 to {len(points) - 1}, found {corners.min()} to {corners.max()}"
+            f"{where}: expected triangles of vertices 0 to {len(points) - 1}, found "
+            f"{shorten(min(numbers))} to {shorten(max(numbers))}"
         )
-    return points, corners
+    return points, np.array(triangles, np.int64).reshape(-1, 3)
 
 
 def as_obj(solid: Mesh) -> str:

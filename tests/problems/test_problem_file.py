@@ -612,3 +612,11 @@ def test_suggestions_are_made_only_of_what_is_close():
     assert did_you_mean("sed", ["seed", "deme"]) == "; did you mean 'seed'?"
     assert did_you_mean("zebra", ["seed", "deme"]) == ""
     assert did_you_mean("x", []) == ""
+
+
+@pytest.mark.parametrize("depth", [70, 900, 100_000])
+def test_values_nested_too_deeply_are_refused_where_they_are_read(tmp_path, depth):
+    with pytest.raises(BadInput, match="expected a problem file as JSON"):
+        ProblemFile.from_json(f'["x", {{"kind": "function", "a": {"[" * depth + "]" * depth}}}, {{}}, "/"]')
+    with pytest.raises(BadInput, match="expected TOML, found"):
+        parse(f'kind = "function"\na = {"[" * depth + "]" * depth}', "x", tmp_path)

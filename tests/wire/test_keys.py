@@ -7,6 +7,7 @@ import pytest
 import zenoh
 
 from wire.keys import PREFIX, Keys
+from wire.strict import Rejected
 
 HOSTS = ("h1", "a-host")
 CLIENTS, RIGHTS = ("anna", "bob"), ("watch", "submit")
@@ -71,6 +72,28 @@ def test_a_token_says_whose_life_it_is_and_by_which_process(cluster):
         for token, whose in ((keys.life(12, process), 12), (keys.spy_life(process), None)):
             assert Keys.life_of(token) == (whose, number)
             assert Keys.host_of_life(token) == host
+
+
+@pytest.mark.parametrize(
+    "token",
+    [
+        "",
+        "supernode/c1/node/12/life/x",
+        "supernode/c1/node/x/life/4711",
+        "supernode/c1/node/-1/life/4711",
+        "supernode/c1/node/²/life/4711",
+        "supernode/c1/node/12/life/",
+        "supernode/c1/node/12/life/4711x",
+        "supernode/c1/node/12/life/" + "1" * 5000,
+        "supernode/c1/spy/life/-h1",
+        "supernode/c1/other/life/4711",
+        "supernode/c1/node/12",
+        "4711",
+    ],
+)
+def test_a_token_of_no_process_is_rejected(token):
+    with pytest.raises(Rejected, match="no such life"):
+        Keys.life_of(token)
 
 
 def test_the_keys_of_the_protocol():

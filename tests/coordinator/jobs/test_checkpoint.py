@@ -1,9 +1,11 @@
 """A checkpoint comes back from its bytes as it was; one that was changed or cut does not come back at all."""
 
+import hashlib
 import math
 from dataclasses import replace
 from pathlib import Path
 
+import msgpack
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +23,9 @@ WHOLE = Checkpoint(
     FILE.with_run(topology="ring 2"),
     3,
     {"do": "rewire", "topology": "ring 2"},
-    Past(epochs=3, generations=40, history="ab").led_on({"do": "update", "epoch": 1, "fields": {"name": "onemax"}}),
+    Past(epochs=3, generations=40, history="ab").led_on(
+        {"do": "update", "epoch": 1, "generation": 9, "fields": {"name": "onemax"}}
+    ),
     7,
     Improvement(1, 3, 0.5, 12, 1, math.inf, False, {"bits": [0, 1]}),
     8.5,
@@ -70,3 +74,32 @@ def test_a_service_runs_no_module_that_a_checkpoint_names():
     own = parse('kind = "tours:Tour"\n', "own", Path("/"))
     with pytest.raises(BadInput, match="allow-module tours"):
         Checkpoint.decode(Checkpoint(own, own).encode(), Modules())
+
+
+def damaged(place, value):
+    """The checkpoint with another value at a place, and the digest that then is right."""
+    head, _, rest = BYTES.partition(b"\n")
+    values = msgpack.unpackb(rest[32:])
+    values[place] = value
+    content = msgpack.packb(values)
+    return head + b"\n" + hashlib.sha256(content).digest() + content
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (3, "[" * 100_000),
+        (4, "[" * 100_000),
+        (4, "[]"),
+        (4, '["3", 40, 0, [0, 0, 0, 0], [0, 0, 0, 0], "ab", null]'),
+        (4, '[3, 40, 0, [0, 0, 0, 0], [0, 0, 0, 0], "no hexadecimal digits", null]'),
+        (4, '[3, 40, 0, [0, 0, 0, 0], [0, 0, 0, 0], "ab", 7]'),
+        (4, '[3, 40, 0, [0, 0, 0, 0], [0, 0, 0, 0], "ab", [0.5, 1, 2, 3]]'),
+        (5, ["{}"]),
+        (5, ['{"do": "update", "epoch": 1, "generation": 2}']),
+        (5, ['{"do": "update", "epoch": "1", "generation": 2, "fields": {}}']),
+    ],
+)
+def test_one_that_others_made_is_refused_by_one_error(place, value):
+    with pytest.raises(BadInput, match="expected a checkpoint, found one that is damaged"):
+        Checkpoint.decode(damaged(place, value), AnyModules())

@@ -58,3 +58,16 @@ def test_it_says_when_the_latest_counters_of_a_node_came(session):
     idle, _ = roster.nodes([0, 1], lambda _: None)
     assert (idle["job"], idle["generation"], idle["reported"], idle["sent"]) == (None, None, None, 40)
     life.undeclare()
+
+
+def test_a_token_of_no_process_is_ignored(session):
+    complaints = []
+    roster = Roster(session, KEYS, lambda *those: complaints.append(those))
+    liveliness = session.liveliness()
+    strange = [liveliness.declare_token(key) for key in (f"{KEYS.node(0)}/life/x", f"{KEYS.spy}/life/x")]
+    roster.look()  # sees the tokens in this thread, where an error would end the test
+    life = liveliness.declare_token(KEYS.life(1, 4711))
+    absent, _ = until(roster, lambda shown: shown[1]["process"] == 4711)
+    assert (absent["process"], roster.spy, complaints) == (None, None, [])
+    for token in (*strange, life):
+        token.undeclare()

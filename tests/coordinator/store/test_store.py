@@ -215,7 +215,7 @@ def test_epochs_are_numbered_and_the_file_is_that_of_the_latest(store, reopened)
     update, rewire = {"do": "update", "fields": {"goal": [1, 2]}}, {"do": "rewire", "topology": "complete 4"}
     store.note_placing(1, Placement(1, file, (0, 1, 2, 3), 7, update))
     rewired = file.with_run(topology="complete 4")
-    past = Past(1, generations=9, history="abc").led_on({"epoch": 1, "generation": 9, **update})
+    past = Past(1, generations=9, history="abcd").led_on({"epoch": 1, "generation": 9, **update})
     store.note_placing(1, Placement(2, rewired, (4, 5, 6, 7), 8, rewire, past))
     again = reopened(store)
     assert again.past(1) == (past, rewire)

@@ -218,6 +218,13 @@ def test_objections_name_the_place():
     )
 
 
+def test_of_a_path_that_leaves_the_limits_by_far_no_segment_is_tested():
+    ball = {"id": "ball", "shape": "sphere", "radius": 0.05, "position": [0.0, 0.0, 5.0]}
+    found = Proof(crane(), [ball]).of_path([np.zeros(4), [1e12, 0.0, 0.0, 0.0]])
+    assert "outside its limits" in found.objections[0]
+    assert found.tests == 2
+
+
 def test_a_thin_wall_is_not_jumped_over():
     """At both ends and in the middle the arm is far away from it."""
     place = (by_hand(np.zeros(4)) @ [-0.05, 0, 0, 1])[:3].tolist()

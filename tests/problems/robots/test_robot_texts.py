@@ -1,3 +1,7 @@
+import base64
+import json
+import zlib
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +11,8 @@ from tiny_robots import ARM, SRDF, joint, link, lump, robot
 from problems import BadInput
 from problems.robots.arm import Arm, Scene
 from problems.robots.chain import chain_of
-from problems.robots.meshes import decode_mesh, encode_mesh
+from problems.robots.loading import gather_robot
+from problems.robots.meshes import decode_mesh, encode_mesh, read_mesh
 from problems.robots.packing import pack, unpack
 from problems.robots.srdf import pair_of, read_srdf, write_srdf
 from problems.robots.urdf import read_urdf
@@ -129,3 +134,70 @@ def test_a_joint_that_follows_another_has_no_value_of_its_own():
 def test_errors_of_joints_say_how_to_mend(extra, kind, variables, fixed, message):
     with pytest.raises(BadInput, match=message):
         chain_of(read_urdf(robot(*TWO, joint("j", "a", "b", kind, extra))), variables, fixed)
+
+
+def packed(header, body=b""):
+    head = json.dumps(header).encode() if isinstance(header, list) else header
+    return base64.b64encode(zlib.compress(len(head).to_bytes(4, "little") + head + body)).decode()
+
+
+MANY = 1 << 24
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        packed(b"[" * 100_000),
+        packed([["a", "int8", [1 << 70]]]),
+        packed([["a", "int8", [-1]]]),
+        packed([["a", "int8", [4 * MANY]]], bytes(4 * MANY)),  # 64 MB, and 512 MB as int64
+        packed([["a/which", "int8", [MANY]], ["a/corners", "int8", [1, 3]]], bytes(MANY + 3)),  # 400 MB of corners
+    ],
+    ids=["deep", "large", "negative", "unfolding", "repeating"],
+)
+def test_a_text_that_would_unfold_without_bound_is_refused(text):
+    with pytest.raises(ValueError, match="expected a packed model"):
+        unpack(text)
+
+
+def test_groups_that_name_others_many_times_have_each_joint_once():
+    groups = "".join(
+        f'<group name="{number + 1}"><group name="{number}"/><group name="{number}"/></group>' for number in range(40)
+    )
+    srdf = read_srdf(
+        f'<robot name="x"><group name="0"><joint name="turn"/><joint name="bend"/></group>{groups}</robot>'
+    )
+    assert srdf.joints_of("40", read_urdf(ARM)) == ["turn", "bend"]
+
+
+def test_groups_within_very_many_are_refused():
+    groups = "".join(f'<group name="{number}"><group name="{number + 1}"/></group>' for number in range(5000))
+    with pytest.raises(BadInput, match="at most 50 others"):
+        read_srdf(f'<robot name="x">{groups}</robot>').joints_of("0", read_urdf(ARM))
+
+
+@pytest.mark.parametrize("encoding", ["gb2312", "no-such-encoding"])
+def test_xml_of_an_encoding_that_cannot_be_read_is_refused(encoding):
+    with pytest.raises(BadInput, match="expected a URDF, found no XML"):
+        read_urdf(f'<?xml version="1.0" encoding="{encoding}"?><robot name="x"/>')
+
+
+def test_a_text_that_utf_8_lacks_is_refused():
+    with pytest.raises(BadInput, match="found no XML"):
+        read_urdf('<robot name="\ud800"/>')
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "\0", "\ud800"])
+def test_a_name_that_no_file_can_have_is_refused(tmp_path, name):
+    with pytest.raises(BadInput, match=r"robot.urdf: expected a .*file, found"):
+        gather_robot({"robot": {"urdf": name}}, tmp_path)
+    obstacle = {"shape": "mesh", "file": name}
+    with pytest.raises(BadInput, match=r"obstacles\[0\].file: expected a mesh, found no file"):
+        gather_robot({"robot": {"urdf": ARM}, "obstacles": [obstacle]}, tmp_path)
+
+
+def test_a_mesh_of_points_in_a_plane_is_refused(tmp_path):
+    path = tmp_path / "flat.obj"
+    path.write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    with pytest.raises(BadInput, match="mesh: expected"):
+        read_mesh(path, (1.0, 1.0, 1.0), "mesh")

@@ -523,7 +523,7 @@ def test_logs_that_differ_are_told_apart(capsys, tmp_path):
     assert (code, out) == (3, "")
     assert f"{three} differs from {one} in improvement 2" in err
     assert f"{three}: no more" in err
-    for text in ("no JSON\n", "[1]\n"):
+    for text in ("no JSON\n", "[1]\n", "[" * 100_000):
         three.write_text(text)
         code, _, err = in_process(capsys, "logs", "--improvements", three)
         assert code == 2

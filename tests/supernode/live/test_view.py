@@ -56,6 +56,13 @@ def test_who_is_there_at_the_beginning_is_alive(view):
     assert states(view) == ["alive"] * 4
 
 
+@pytest.mark.parametrize("token", [f"{KEYS.node(2)}/life/x", f"{KEYS.spy}/life/x", "supernode/c/node/x/life/7"])
+def test_a_token_of_no_process_is_ignored(view, token):
+    view.hear_life(token, True)
+    view.hear_life(token, False)
+    assert states(view) == ["alive"] * 4
+
+
 def test_a_death_is_shown_though_the_node_is_replaced_at_once(view, clock):
     view.hear_life(KEYS.life(2, 102), False)
     view.hear_life(KEYS.life(2, 202), True)

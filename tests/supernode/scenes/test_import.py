@@ -307,3 +307,54 @@ def test_the_example_is_what_the_tutorial_s_command_writes(capsys, tmp_path):
     assert err == ""
     expected = tomllib.loads((examples / "bench.toml").read_text())
     assert {**fields, "robot": None} == {**expected, "robot": None}
+
+
+# What others made
+BOX = "(noname)+\n* thing\n1\nbox\n{size}\n{place}\n0 0 0 1\n0 0 0 0\n.\n"
+MESH = "(noname)+\n* thing\n1\nmesh\n3 1\n0 0 0\n1 0 0\n0 1 0\n{corners}\n0 0 0\n0 0 0 1\n0 0 0 0\n.\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (BOX.format(size="1 1 1", place="nan 0 0"), "line 6: object 'thing': expected a number"),
+        (BOX.format(size="1 1 1", place="1e999 0 0"), "line 6: object 'thing': expected a number"),
+        (BOX.format(size="1 1 1", place="1e308 0 0"), "expected a position within 1e+06 m"),
+        (MESH.format(corners="0 1 99999999999999999999"), "expected triangles of vertices 0 to 2"),
+    ],
+)
+def test_numbers_that_no_scene_has_are_refused(capsys, tmp_path, text, complaint):
+    path = tmp_path / "strange.scene"
+    path.write_text(text)
+    assert complaint in error(capsys, path, *LEVER)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "&a [*a]",  # a list within itself
+        "2001-01-01: 1",  # a key that JSON lacks
+        "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9) if n else 'x'}]\n" for n in range(30)),  # 9^29 elements
+        "world: {collision_objects: &a [*a]}",
+    ],
+    ids=["within itself", "date", "many", "objects"],
+)
+def test_values_that_only_yaml_has_are_refused_by_one_error(capsys, tmp_path, text):
+    path = tmp_path / "strange.yaml"
+    path.write_text(text)
+    assert "expected" in error(capsys, path, *LEVER)
+
+
+@pytest.mark.parametrize("others", ["7", '["turn"]', '"turn"'])
+def test_other_values_that_are_no_table_are_refused(capsys, tmp_path, others):
+    path = tmp_path / "strange.json"
+    problem = f'{{"index": 1, "start": [0, 0, 0], "goal": [1, 0, 0], "others": {others}}}'
+    path.write_text(f'{{"joints": ["turn", "tilt", "slide"], "problems": [{problem}]}}')
+    assert "problems[0].others: expected a table" in error(capsys, path, *LEVER)
+
+
+def test_a_name_that_utf_8_lacks_is_refused(capsys, tmp_path):
+    path = tmp_path / "strange.json"
+    box = '{"id": "\\ud800", "primitives": [{"type": "box", "dimensions": [1, 1, 1]}]}'
+    path.write_text(f'{{"world": {{"collision_objects": [{box}]}}}}')
+    assert "id: expected a text that UTF-8 can hold" in error(capsys, path, *LEVER)
