@@ -265,6 +265,21 @@ BUGS = (
         "        return min(ahead, key=lambda number: taken[number % PORTS])",
         "        return max(ahead, key=lambda number: taken[number % PORTS])",
     ),
+    Bug(
+        "a node that dies while halted cells move is not marked as dead",
+        "coordinator.jobs.replacing",
+        "self._mark_dead(another.node, goes_on=bool(self._job.epoch.dead) or self._is_moving)",
+        "self._mark_dead(another.node)",
+    ),
+    Bug(
+        "the last question for nodes counts alone at a takeover",
+        "coordinator.jobs.replacing",
+        "                answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)\n"
+        "                for look",
+        "                answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)\n"
+        "                cells.clear()\n"
+        "                for look",
+    ),
 )
 
 

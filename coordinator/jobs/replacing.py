@@ -98,15 +98,16 @@ class Replacing:
     def _is_moving(self) -> bool:
         return self._job.nodes != self._job.epoch.wiring.nodes
 
-    def _mark_dead(self, node: int | None) -> None:
+    def _mark_dead(self, node: int | None, goes_on: bool = False) -> None:
         """Note that a node of this job (None: the spy) was replaced by a new process, which knows nothing of the job.
 
-        Once all cells have reported, a dead node matters only if the job is kept alive: its deme may be needed then.
+        Once all cells have reported, a dead node matters only if the job is kept alive, or if it ``goes_on`` and the
+        cells were only halted: its deme is needed then.
         """
         job = self._job
         if node is None:
             self._spy_is_new = True
-        elif node in job.epoch.wiring.nodes and (job.epoch.file.run.keep_alive or not job.epoch.stopped):
+        elif node in job.epoch.wiring.nodes and (goes_on or job.epoch.file.run.keep_alive or not job.epoch.stopped):
             job.epoch.dead.add(job.epoch.wiring.nodes.index(node))
 
     def _replace_the_dead(self) -> None:
@@ -121,7 +122,7 @@ class Replacing:
                     self._go_on_without_the_dead()  # this begins a new epoch, which is shown to a new spy too
                     self._spy_is_new = False
             except ReplacedError as another:
-                self._mark_dead(another.node)
+                self._mark_dead(another.node, goes_on=bool(self._job.epoch.dead) or self._is_moving)
 
     def _go_on_without_the_dead(self) -> None:
         """Halt the other cells and begin an epoch in which each new node starts with the deme of a neighbour.
