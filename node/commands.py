@@ -100,8 +100,8 @@ class Commands:
         if assignment is not None and assignment.job == command.job:
             place = {"node": self._node, "cell": assignment.cell.number, "epoch": assignment.epoch}
             answer(query, Done(json.dumps({**place, "wirings": self._epochs.wirings, "versions": fingerprint()})))
-        else:
-            drop(query)
+        else:  # so that the coordinator can tell this from a router that lets no question through
+            answer(query, Done(json.dumps({"node": self._node, "cell": None})))
 
     def _obey(self, assignment: Assignment, command: Command, query: zenoh.Query) -> None:
         """Carry out a command for an epoch that this node is in or has just left."""

@@ -7,9 +7,10 @@ The epoch goes on; the other cells only wait.
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from coordinator.jobs.calls import ASK_AGAIN, RefusedError
+from coordinator.jobs.calls import ASK_AGAIN, Given, RefusedError
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.preparing import Preparing
 from topologies import ROOT, Topology
@@ -108,14 +109,19 @@ class Recovering:
         while True:
             answers = job.calls.ask(questions, 0, give_up=False)
             kept |= {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
-            looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
-            looking = {look["cell"] for look in looks if look["epoch"] == job.epoch.number}
+            looking = {look["cell"] for look in looks(answers) if look["epoch"] == job.epoch.number}
             # A node in a long evaluation looks, but does not tell yet. One that is stopped does neither.
             is_most = 2 * len(living & kept.keys()) > len(living)
             is_late = time.monotonic() > began + (_ANSWERS_WITHIN if is_most else _MOST_ANSWER_WITHIN)
             if looking <= kept.keys() and (living <= kept.keys() or is_late):
                 return kept
             job.calls.wait(ASK_AGAIN)
+
+
+def looks(answers: Sequence[Given]) -> list[dict[str, Any]]:
+    """Return what the nodes that have a cell of the job say of it in their answers to `Look`."""
+    found = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
+    return [look for look in found if look["cell"] is not None]
 
 
 def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew: bool) -> States:

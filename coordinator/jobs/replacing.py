@@ -1,6 +1,5 @@
 """Continue a job whose processes have died, that a dead coordinator has left running, or whose nodes leave."""
 
-import json
 import math
 import time
 from collections.abc import Mapping
@@ -12,15 +11,15 @@ from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement, Replaced
 from coordinator.jobs.preparing import Preparing
-from coordinator.jobs.recovering import Recovering
+from coordinator.jobs.recovering import Recovering, looks
 from coordinator.jobs.resuming import Resuming
 from problems import ProblemFile
 from spy.past import Past
 from topologies import Topology, Torus
-from wire.control import Done, Drop, Halt, Look, Wiring
+from wire.control import Drop, Halt, Look, Wiring
 
 _FOUND_WITHIN = 1.0  # seconds; a running node finds a restarted router in a fifth of that
-_ANY_FOUND_WITHIN = 5.0  # seconds; a router that stands still for a moment lets no question through
+_ANSWERED_WITHIN = 5.0  # seconds; a router that stands still for a moment lets no question through
 _HALTED_WITHIN = 150.0  # seconds; a host may be out of reach for almost as long
 _EXACT_WITHIN = 15.0  # seconds for which exact recovery is begun again while more and more processes die
 
@@ -65,16 +64,17 @@ class Replacing:
         have come through the router.
         """
         job = self._job
-        began = time.monotonic()
+        began, is_answered = time.monotonic(), False
         cells: dict[int, int] = {}  # by node
         while True:
             try:
                 answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
-                for look in (json.loads(answer.note) for answer in answers if isinstance(answer, Done)):
+                is_answered = is_answered or bool(answers)
+                for look in looks(answers):
                     job.versions = look["versions"]
                     job.dispatch.open_links(look["node"], look["wirings"])
                     cells[look["node"]] = look["cell"]
-                within = _FOUND_WITHIN if cells else _ANY_FOUND_WITHIN
+                within = _FOUND_WITHIN if is_answered else _ANSWERED_WITHIN
                 if len(cells) == epoch.cells or time.monotonic() >= began + within:
                     return set(cells.values())
                 job.calls.wait(ASK_AGAIN)

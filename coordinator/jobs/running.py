@@ -1,6 +1,5 @@
 """Wait until the latest epoch of a job has stopped; stops and changes are begun meanwhile."""
 
-import json
 import time
 from collections import Counter
 
@@ -9,7 +8,8 @@ from coordinator.jobs.changing import Changing
 from coordinator.jobs.checkpointing import Checkpointing
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.job import Change, Moved, Replaced, Returned, StopRequest
-from wire.control import Done, Look
+from coordinator.jobs.recovering import looks
+from wire.control import Look
 
 EVAL_TIMEOUT = 60.0  # seconds
 _MOST_IN_VAIN = 10  # questions for the reports of an epoch, one soon after another unless cells are at work in it
@@ -102,8 +102,8 @@ class Running:
         that has taken over does not either.
         """
         job = self._job
-        looks = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
-        epochs = [json.loads(look.note)["epoch"] for look in looks if isinstance(look, Done)]
+        answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
+        epochs = [look["epoch"] for look in looks(answers)]
         return len(epochs) == job.epoch.cells and set(epochs) == {job.epoch.number}
 
     def _send_what_was_put_off(self) -> None:

@@ -1,5 +1,7 @@
 """The coordinator of a cluster on several machines or containers: it launches no nodes, hosts of nodes join it."""
 
+import threading
+import time
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
@@ -18,6 +20,8 @@ from node.node_config import NodeConfig
 from wire.hosts import Host
 from wire.keys import Keys
 from wire.seal import Seal
+
+_FOUND_WITHIN, _LOOK_AGAIN = 2.0, 0.02  # seconds; a running host finds a restarted router in a fifth of one
 
 
 def preside(config: NodeConfig, options: Options, max_queue: int | None) -> None:
@@ -107,6 +111,7 @@ class JoinedDispatcher(ServiceDispatcher):
         Raises:
             ValueError: if its nodes are not free, or nothing is known of their hosts.
         """
+        self._wait_for_one_of(placement.nodes)
         with self._lock:
             known = {node for node in placement.nodes if self._node_hosts.place_of(node)}
             away = known.difference(self._scheduler.here)
@@ -118,6 +123,15 @@ class JoinedDispatcher(ServiceDispatcher):
             except ValueError:
                 self._scheduler.leave(away)
                 raise
+
+    def _wait_for_one_of(self, nodes: Iterable[int]) -> None:
+        """Wait until one of these nodes is here, or for a moment: the router may have been started anew as well."""
+        until = time.monotonic() + _FOUND_WITHIN
+        while time.monotonic() < until:
+            with self._lock:
+                if not set(self._scheduler.here).isdisjoint(nodes):
+                    return
+            threading.Event().wait(_LOOK_AGAIN)
 
     def drain(self, nodes: Iterable[int]) -> list[int]:
         """Move jobs away from nodes that are about to leave; return those nodes that some job still needs.
