@@ -9,6 +9,7 @@ differs from `ALLOWED`, if anything does.
 """
 
 import argparse
+import shutil
 import sys
 import tempfile
 import time
@@ -24,11 +25,11 @@ from supernode.files.authority import Authority
 from wire import access, sessions
 from wire.jobs import RIGHTS
 from wire.keys import Keys
-from wire.members import Identity
+from wire.members import ROUTERS, Identity
 
 KEYS = Keys("c1")
 LINKS = ("unix", "tls", "quic")
-ROLES = ("coordinator", "spy", "node", "client", "watcher", "dashboard", "router", "revoked")
+ROLES = ("coordinator", "spy", "node", "client", "watcher", "dashboard", "router", "revoked", "foreign", "expired")
 _MAY = {"client": RIGHTS, "watcher": ("watch",), "dashboard": ("watch", "submit")}
 _WITHIN, _NOT_WITHIN, _PAUSE = 5.0, 0.5, 0.02  # seconds
 _COORDINATOR, _SPY, _NODE = {"coordinator"}, {"spy"}, {"node"}
@@ -198,9 +199,13 @@ def authority() -> Iterator[Path]:
             made.add(name, "dashboard" if name == "dashboard" else "client", may, 1.0, ())
         made.add("revoked", "client", RIGHTS, 1.0, ())
         kept = (made.folder / "revoked").rename(made.folder / "kept")
-        (made.folder / "revoked").mkdir()
         made.revoke("revoked")
         kept.rename(made.folder / "revoked")
+        made.add("expired", "client", RIGHTS, 1e-9, ())
+        foreign = Authority.make(Path(folder) / "foreign")
+        foreign.add("client", "client", RIGHTS, 1.0, ())
+        shutil.copytree(foreign.folder / "client", made.folder / "foreign")
+        shutil.copy(made.folder / ROUTERS, made.folder / "foreign")  # it trusts the cluster, which does not trust it
         yield made.folder
 
 
@@ -217,7 +222,12 @@ def through_the_router(
         stack.enter_context(closing(sessions.router(listen, router, access.of_the_router(router.members()))))
         trusted = stack.enter_context(closing(sessions.client(local)))
         for role in roles:
-            with closing(sessions.visitor(endpoint, _WITHIN, Identity.read(folder / role))) as trying:
+            try:
+                trying = sessions.visitor(endpoint, _WITHIN, Identity.read(folder / role))
+            except zenoh.ZError:  # its certificate is none of a client
+                table |= dict.fromkeys(((link, message, role) for message in messages), False)
+                continue
+            with closing(trying):
                 meeting = _Meeting(trying, trusted, role, in_order=link != "quic")
                 for message in messages:
                     table[link, message, role] = meeting.passes(message, role in ALLOWED[message])
@@ -242,8 +252,10 @@ def directly(folder: Path, link: str, roles: Iterable[str] = ROLES) -> Table:
 
 
 def _until_linked(session: zenoh.Session) -> None:
-    while not session.info.peers_zid():
-        pass
+    """Wait until there is a link, or for as long as a refused one is tried."""
+    until = time.monotonic() + _WITHIN
+    while not session.info.peers_zid() and time.monotonic() < until:
+        time.sleep(_PAUSE)
 
 
 def differences(table: Table) -> list[str]:

@@ -136,9 +136,8 @@ class Links:
         except zenoh.ZError:
             if not abroad:
                 raise
-            self.data = sessions.peer(
-                here, there, config.identity
-            )  # another process has that port: links from abroad use the router
+            # Another process has that port: links from abroad use the router.
+            self.data = sessions.peer(here, there, config.identity, self._access(config))
         self._out = self.data.declare_publisher(self.keys.out(self.node))
         self.publish: Callable[[bytes], None] = self._out.put
         self._subscribers = [self._subscribe(self.data, other) for other in self.neighbours]

@@ -1,14 +1,16 @@
 """Who belongs to a cluster with keys: each member's name, which its certificate shows, its role and its rights.
 
 `supernode keys` makes the members' folders; this module reads them. Each holds the member's private key and
-certificate, the certificate of the authority that signed it, and who the member is. The router's holds the list of all
-members too.
+certificate, the certificates of the authorities that it trusts, and who the member is. The router's holds the list of
+all members too.
 """
 
 import json
 import re
+import ssl
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,13 @@ from wire.keys import ANYONE
 
 ROLES = ("coordinator", "router", "spy", "node", "client", "dashboard")
 MEMBER, MEMBERS = "member.json", "members.json"
-AUTHORITY, CERTIFICATE, KEY, SECRET = "authority.crt", "member.crt", "member.key", "secret"
+CERTIFICATE, KEY, SECRET = "member.crt", "member.key", "secret"
 """Files of a member's folder. Coordinator, spy and nodes share a secret: see `wire.seal`."""
+ROUTERS, OTHERS = "routers.crt", "members.crt"
+"""The authorities that signed the certificates of routers, and of all other members.
+
+There are two, so that no other member can pose as a router: who connects to one trusts ``ROUTERS`` only.
+"""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,62}")
 
@@ -37,6 +44,7 @@ class Member:
         may: the rights of a client or a dashboard, some of `wire.jobs.RIGHTS`.
         expires: the date until which its certificate is valid, in ISO 8601.
         addresses: the names and addresses at which others reach it; its certificate is valid for these alone.
+        days: for how many days its certificate was made.
     """
 
     name: str
@@ -44,6 +52,7 @@ class Member:
     may: tuple[str, ...] = ()
     expires: str = ""
     addresses: tuple[str, ...] = ()
+    days: float = 0.0
 
     @staticmethod
     def of(fields: Any) -> "Member":
@@ -55,13 +64,19 @@ class Member:
         try:
             member = Member(**{**fields, "may": tuple(fields["may"]), "addresses": tuple(fields["addresses"])})
         except (TypeError, KeyError):
-            raise BadMemberError("expected name, role, may, expires and addresses of a member") from None
+            raise BadMemberError("expected name, role, may, expires, addresses and days of a member") from None
         if not isinstance(member.name, str) or not is_name(member.name):
             raise BadMemberError(f"name: expected letters, digits, '_' and '-', found {member.name!r}")
         if member.role not in ROLES:
             raise BadMemberError(f"role: expected one of {', '.join(ROLES)}, found {member.role!r}")
         if not set(member.may) <= set(RIGHTS):
             raise BadMemberError(f"may: expected some of {', '.join(RIGHTS)}, found {member.may!r}")
+        if not isinstance(member.days, int | float) or not all(isinstance(each, str) for each in member.addresses):
+            raise BadMemberError("expected a number of days, and addresses as text")
+        try:
+            datetime.fromisoformat(member.expires)
+        except (TypeError, ValueError):
+            raise BadMemberError(f"expires: expected a date, found {member.expires!r}") from None
         return member
 
     def to_json(self) -> dict[str, Any]:
@@ -71,7 +86,7 @@ class Member:
 
 def is_name(text: str) -> bool:
     """Return whether a member can have that name, which is a part of key expressions and the name of a folder."""
-    return _NAME.fullmatch(text) is not None and text != ANYONE
+    return _NAME.fullmatch(text) is not None and text not in (ANYONE, SECRET)
 
 
 @dataclass(frozen=True)
@@ -120,12 +135,25 @@ class Identity:
                 found.append((status.st_ino, status.st_mtime_ns))
         return tuple(found)
 
-    @property
-    def tls(self) -> Mapping[str, object]:
-        """Zenoh's settings for links by TLS and QUIC: both ends show a certificate, and the names are checked."""
+    def check(self) -> None:
+        """Check that key and certificate can be read and belong together.
+
+        Raises:
+            OSError: if not.
+        """
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(self.folder / CERTIFICATE, self.folder / KEY)
+        context.load_verify_locations(self.folder / OTHERS)
+
+    def tls(self, trusted: str) -> Mapping[str, object]:
+        """Return Zenoh's settings for links by TLS and QUIC: both ends show certificates, and the names are checked.
+
+        Args:
+            trusted: ``ROUTERS`` or ``OTHERS``: whose certificates are accepted.
+        """
         certificate, key = str(self.folder / CERTIFICATE), str(self.folder / KEY)
         return {
-            "root_ca_certificate": str(self.folder / AUTHORITY),
+            "root_ca_certificate": str(self.folder / trusted),
             "listen_certificate": certificate,
             "listen_private_key": key,
             "connect_certificate": certificate,

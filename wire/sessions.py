@@ -17,7 +17,7 @@ from typing import Any
 
 import zenoh
 
-from wire.members import Identity
+from wire.members import OTHERS, ROUTERS, Identity
 
 # In the syntax of ZENOH_RUNTIME; a runtime with a "handover" has no threads and runs its tasks on the other's.
 NODE_RUNTIME = "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
@@ -159,7 +159,8 @@ def _open(
     other: Mapping[str, Any] | None = None,
 ) -> zenoh.Session:
     config = zenoh.Config()
-    tls = {} if identity is None else {"transport/link/tls": dict(identity.tls)}
+    trusted = ROUTERS if mode == "client" else OTHERS
+    tls = {} if identity is None else {"transport/link/tls": dict(identity.tls(trusted))}
     for key, value in (_ALWAYS | tls | dict(other or {})).items():
         config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))

@@ -18,6 +18,8 @@ _INTERCEPTED = "Msg intercepted!"
 _SAY_AGAIN = 60.0  # seconds from one line about the same refusal to the next
 _MOST_KINDS = 1000
 _NOBODY = "somebody without a certificate"
+_UNNAMED = "a message"  # of which Zenoh does not say whose it was
+_NUMBERS = re.compile(r"\d+")
 
 
 class Refusals:
@@ -29,7 +31,8 @@ class Refusals:
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._claims: dict[str, str] = {}  # by thread, the latest message of which somebody was not authorized
+        # By thread, the latest message of which somebody was not authorized: the kind, and where to.
+        self._claims: dict[str, tuple[str, str]] = {}
         self._since: Counter[str] = Counter()  # refusals of a kind since the last line about it
         self._said: dict[str, float] = {}
 
@@ -41,17 +44,20 @@ class Refusals:
         if (unauthorized := _UNAUTHORIZED.search(line)) is not None:
             name = _NAME.search(line)
             what, key = unauthorized.groups()
-            self._claims[thread] = f"{_NOBODY if name is None else name[1]}: {what} on {key}"
+            # A key may hold line breaks, and then look like further lines of this log: who is refused may blame others.
+            self._claims[thread] = f"{_NOBODY if name is None else name[1]}: {what}", f" on {key}"
         elif _INTERCEPTED in line:
-            self._count(self._claims.pop(thread, _NOBODY), now)
+            self._count(*self._claims.pop(thread, (_UNNAMED, "")), now)
         elif (certificate := _CERTIFICATE.search(line)) is not None:
-            self._count(f"a link: {certificate[1].partition(':  ')[0]}", now)
+            self._count(f"a link: {_NUMBERS.sub('…', certificate[1])}", "", now)
 
-    def _count(self, kind: str, now: float) -> None:
+    def _count(self, kind: str, where: str, now: float) -> None:
+        """Count a refusal of a kind: of a member and what it tried, wherever that was to go."""
         if kind not in self._said and len(self._said) >= _MOST_KINDS:
-            kind = "others"
+            self._said = {each: at for each, at in self._said.items() if now < at + _SAY_AGAIN}
+            kind = kind if len(self._said) < _MOST_KINDS else "others"
         self._since[kind] += 1
         if now >= self._said.get(kind, -_SAY_AGAIN) + _SAY_AGAIN:
             times = self._since.pop(kind)
             self._said[kind] = now
-            self._say(f"refused {kind}" + (f" ({times} times)" if times > 1 else ""))
+            self._say(f"refused {kind}{where}" + (f" ({times} times)" if times > 1 else ""))

@@ -2,13 +2,13 @@
 
 import contextlib
 import os
+import queue
 import re
 import resource
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 
 import zenoh
 
@@ -21,6 +21,7 @@ from wire.members import BadMemberError, Identity
 from wire.news import LogRecord
 
 _LOOK_AGAIN = 0.5  # seconds between two looks whether the keys or the list of members have changed
+_MOST_UNPUBLISHED = 1000  # lines about refusals
 _SAME_PORT_WITHIN = 10.0  # seconds in which a port is free again that this process had
 
 
@@ -73,7 +74,9 @@ class _Router:
         self._lines = lines
         self._identity = identity
         if identity is not None:
-            threading.Thread(target=partial(_read_refusals, self._publish), name="refusals", daemon=True).start()
+            said: queue.Queue[str] = queue.Queue(_MOST_UNPUBLISHED)
+            threading.Thread(target=_read_refusals, args=(said,), name="refusals", daemon=True).start()
+            threading.Thread(target=self._publish_all, args=(said,), name="publisher", daemon=True).start()
 
     def open(self) -> None:
         """Open the session.
@@ -108,8 +111,9 @@ class _Router:
         assert self._identity is not None
         try:
             self._identity.members()
+            self._identity.check()
         except (OSError, BadMemberError) as error:
-            return self._log("error", f"the list of members stays the one before: {error}")
+            return self._log("error", f"the keys and the list of members stay those before: {error}")
         self.session.close()  # type: ignore[no-untyped-call]
         until = time.monotonic() + _SAME_PORT_WITHIN
         while True:
@@ -125,14 +129,25 @@ class _Router:
         lines = self._lines or LogLines("*")
         lines.write(LogRecord(level, "router", text, time.time()))
 
-    def _publish(self, text: str) -> None:
-        """Publish a warning in the log of each cluster that the router serves. On the thread that reads refusals."""
-        with contextlib.suppress(zenoh.ZError):  # the session is being opened anew
-            self.session.put(Keys("*").log, LogRecord("warning", "router", text, time.time()).encode())
+    def _publish_all(self, said: "queue.Queue[str]") -> None:
+        """Publish warnings for ever, in the log of each cluster that the router serves. On a thread of its own."""
+        while True:
+            record = LogRecord("warning", "router", said.get(), time.time())
+            with contextlib.suppress(zenoh.ZError):  # the session is being opened anew
+                self.session.put(Keys("*").log, record.encode())
 
 
-def _read_refusals(say: Callable[[str], None]) -> None:
-    """Say for ever what Zenoh's log tells of refused messages and links; the log goes to standard output."""
+def _read_refusals(said: "queue.Queue[str]") -> None:
+    """Note for ever what Zenoh's log tells of refused messages and links; the log goes to standard output.
+
+    Zenoh's threads wait while the pipe is full, perhaps with a lock that a publication needs. So this thread publishes
+    nothing itself.
+    """
+
+    def say(text: str) -> None:
+        with contextlib.suppress(queue.Full):
+            said.put_nowait(text)
+
     reading, writing = os.pipe()
     os.dup2(writing, 1)
     os.close(writing)

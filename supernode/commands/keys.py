@@ -1,7 +1,7 @@
 """Make, list, renew and revoke the keys of a cluster: who may do what, proved by certificates on every link.
 
 `init` makes an authority in a folder, and keys for each role. Give each machine the folders of its own members only.
-The folder itself, with authority.key, is for who admits further members.
+The folder itself, with routers.key and members.key, is for who admits further members.
 """
 
 import argparse
@@ -60,13 +60,18 @@ def run(options: argparse.Namespace) -> int:
 
     if find_spec("cryptography") is None:
         raise BadInput("keys: expected cryptography to be installed: pip install 'supernode[keys]'")
-    from supernode.files.authority import Authority
+    from supernode.files.authority import Authority, locked
 
     folder = Path(options.folder)
     if options.action == "init":
         _init(Authority.make(folder), options)
         return exits.OK
-    authority = Authority(folder)
+    with locked(folder):
+        _act(Authority(folder), options)
+    return exits.OK
+
+
+def _act(authority: "Authority", options: argparse.Namespace) -> None:
     if options.action == "list":
         _print_list(authority)
     elif options.action == "add":
@@ -77,13 +82,12 @@ def run(options: argparse.Namespace) -> int:
         print("The router takes its new keys at once. The others take theirs with their next link.")
     else:
         authority.revoke(options.name)
-        print(f"revoked {options.name}; a router in another place needs the new {folder}/router/members.json")
-    return exits.OK
+        print(f"revoked {options.name}; a router in another place needs the new {authority.folder}/router/members.json")
 
 
 def _init(authority: "Authority", options: argparse.Namespace) -> None:
     from supernode.files.authority import own_names
-    from wire.jobs import RIGHTS, SUBMIT, WATCH
+    from wire.jobs import CHANGE, RIGHTS, SUBMIT, WATCH
 
     addresses = tuple(options.address) or own_names()
     for role, may in (
@@ -92,7 +96,7 @@ def _init(authority: "Authority", options: argparse.Namespace) -> None:
         ("spy", ()),
         ("node", ()),
         ("client", RIGHTS),
-        ("dashboard", (WATCH, SUBMIT)),
+        ("dashboard", (WATCH, SUBMIT, CHANGE)),
     ):
         authority.add(role, role, may, options.days, addresses if role in ("router", "node") else ())
     print(f"made {authority.folder}, with keys for {', '.join(authority.members)}, for {', '.join(addresses)}")

@@ -4,7 +4,8 @@ import stat
 from pathlib import Path
 
 from problems.errors import BadInput
-from supernode.files.secret_file import read_or_make
+from supernode.files.private_file import read_private
+from supernode.files.secret_file import is_secret
 from wire.members import KEY, MEMBER, SECRET, BadMemberError, Identity
 
 
@@ -43,4 +44,7 @@ def secret_in(identity: Identity) -> bytes:
     Raises:
         BadInput: if it cannot be read.
     """
-    return read_or_make(identity.folder / SECRET)
+    text = read_private(identity.folder / SECRET, "--keys", "the cluster's secret")
+    if not is_secret(text):
+        raise BadInput(f"--keys: {identity.folder / SECRET}: expected the secret that `supernode keys` made")
+    return bytes.fromhex(text)

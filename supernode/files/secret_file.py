@@ -19,12 +19,17 @@ def read_or_make(path: Path) -> bytes:
     """
     _make(path)
     text = read_private(path, "--secret-file", "a secret")
-    if not re.fullmatch(rf"[0-9a-f]{{{2 * SECRET_BYTES}}}", text):
+    if not is_secret(text):
         raise BadInput(
             f"--secret-file: {path}: expected {2 * SECRET_BYTES} hexadecimal digits, as `openssl rand -hex"
             f" {SECRET_BYTES}` prints them, found something else"
         )
     return bytes.fromhex(text)
+
+
+def is_secret(text: str) -> bool:
+    """Return whether a text is a secret, in hexadecimal digits."""
+    return re.fullmatch(rf"[0-9a-f]{{{2 * SECRET_BYTES}}}", text) is not None
 
 
 def _make(path: Path) -> None:

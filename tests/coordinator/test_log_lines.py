@@ -23,7 +23,7 @@ from coordinator.launch.zygote import Zygote
 from node.suspects import EvaluationLimits
 from problems.modules import Modules
 
-service, limits = {"listen": [sys.argv[2]], "log_json": True}, EvaluationLimits()
+service, limits = {"listen": [sys.argv[2]], "log_json": True, "keys": None}, EvaluationLimits()
 zygote = Zygote("c1", "torus 2x2", Path(sys.argv[1]), bytes(32), Modules(), service, limits=limits)
 zygote._fork_again("router")
 """

@@ -6,7 +6,7 @@ import pytest
 
 from wire.members import MEMBER, MEMBERS, BadMemberError, Identity, Member, is_name, member_of_host
 
-ANNA = Member("anna", "client", ("watch", "submit"), "2027-01-01T00:00:00+00:00", ("localhost",))
+ANNA = Member("anna", "client", ("watch", "submit"), "2027-01-01T00:00:00+00:00", ("localhost",), 30.0)
 
 
 def test_a_member_survives_its_file():
@@ -22,8 +22,12 @@ def test_a_member_survives_its_file():
         ({"name": 3}, "name: expected letters"),
         ({"role": "boss"}, "role: expected one of coordinator, router, spy, node, client, dashboard, found 'boss'"),
         ({"may": ["fly"]}, "may: expected some of watch, submit, change, down, found"),
-        ({"may": 3}, "expected name, role, may, expires and addresses"),
-        ({"other": 3}, "expected name, role, may, expires and addresses"),
+        ({"may": 3}, "expected name, role, may, expires, addresses and days"),
+        ({"other": 3}, "expected name, role, may, expires, addresses and days"),
+        ({"expires": 7}, "expires: expected a date, found 7"),
+        ({"expires": "soon"}, "expires: expected a date, found 'soon'"),
+        ({"days": "many"}, "expected a number of days, and addresses as text"),
+        ({"addresses": [3]}, "expected a number of days, and addresses as text"),
     ],
 )
 def test_what_no_member_can_be(change, expected):

@@ -28,7 +28,7 @@ def test_a_permission_worked_out_in_advance_is_no_refusal():
 
 def test_the_message_of_another_thread_is_not_taken_for_it():
     other = INTERCEPTED.replace("ThreadId(09)", "ThreadId(10)")
-    assert read((0.0, UNAUTHORIZED), (0.0, other)) == ["refused somebody without a certificate"]
+    assert read((0.0, UNAUTHORIZED), (0.0, other)) == ["refused a message"]
 
 
 def test_many_are_counted_and_said_once_a_minute():
@@ -44,12 +44,22 @@ def test_a_name_that_shows_no_certificate():
 def test_a_refused_certificate():
     line = "WARN acc-0 ThreadId(05) zenoh_link_tls::unicast: invalid peer certificate: UnknownIssuer. Hint: increase"
     assert read((0.0, line)) == ["refused a link: invalid peer certificate: UnknownIssuer"]
+    expired = line.replace("UnknownIssuer", "certificate expired: ({} seconds ago)")
+    assert len(read((0.0, expired.format(1)), (1.0, expired.format(2)))) == 1
+
+
+def test_messages_to_many_keys_are_of_one_kind():
+    lines = []
+    for number in range(3000):
+        lines += [(0.0, UNAUTHORIZED.replace("k/best", f"k/{number}")), (0.0, INTERCEPTED)]
+    assert read(*lines) == ["refused anna: Put on k/0"]
 
 
 def test_countless_kinds_take_no_countless_memory():
     lines = []
     for number in range(3000):
-        lines += [(0.0, UNAUTHORIZED.replace("k/best", f"k/{number}")), (0.0, INTERCEPTED)]
+        lines += [(0.0, UNAUTHORIZED.replace("anna", f"a{number}")), (0.0, INTERCEPTED)]
     said = read(*lines)
     assert len(said) == 1001
-    assert said[-1] == "refused others"
+    assert said[-1] == "refused others on k/best"
+    assert read(*lines, (99.0, UNAUTHORIZED), (99.0, INTERCEPTED))[-1] == "refused anna: Put on k/best"

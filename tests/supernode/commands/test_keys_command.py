@@ -137,15 +137,47 @@ def test_a_forger_is_refused_and_the_log_says_so(cluster, keys, endpoint):
     with contextlib.closing(sessions.visitor(endpoint, 5.0, watcher)) as session:
         session.put(Keys(name).best, b"a forged improvement")
         assert list(session.get(Keys(name).requests("client", "down"), payload=b"", timeout=5.0)) == []
-    for said in (f"refused watcher: Put on supernode/{name}/best", f"refused watcher: Query on supernode/{name}/jobs/"):
+    for said in ("refused watcher: Put on supernode/", "refused watcher: Query on supernode/"):
         with supernode.connect(endpoint, keys) as client:
             until(lambda said=said, client=client: any(said in str(row) for row in client.logs()["rows"]))
+
+
+def test_a_flood_of_refused_messages_holds_up_nobody(cluster, keys, endpoint):
+    name = cluster.info().cluster
+    watcher = identity_in(keys / "watcher", "client")
+    with contextlib.closing(sessions.visitor(endpoint, 5.0, watcher)) as session:
+        for number in range(5000):
+            session.put(f"supernode/{name}/{number}", b"x")
+        with supernode.connect(endpoint, keys) as client:
+            assert len(client.status()["nodes"]) == 4
+            client.submit(supernode.load(ROOT / "examples" / "rastrigin.toml").with_run(topology="ring 1")).result(60)
+
+
+def test_a_router_keeps_its_session_while_its_keys_are_half_written(cluster, keys, endpoint):
+    certificate = keys / "router" / "member.crt"
+    whole = certificate.read_bytes()
+    certificate.write_bytes(whole[:200])
+    until(lambda: "the keys and the list of members stay those before" in Path(cluster.log).read_text())
+    with supernode.connect(endpoint, keys) as client:
+        assert client.status()["spy"] is not None
+    certificate.write_bytes(whole)
+    until(lambda: "the keys and the list of members were read anew" in Path(cluster.log).read_text())
+    until(lambda: connected(endpoint, keys))
+
+
+def test_a_node_cannot_pose_as_the_router(capsys, keys):
+    elsewhere = f"tls/127.0.0.1:{free_port()}"
+    node = identity_in(keys / "node", "node")
+    with contextlib.closing(sessions.router([elsewhere], node)):
+        code, _, err = run(capsys, "jobs", "--connect", elsewhere, "--keys", keys)
+    assert code == 1
+    assert "no cluster answers" in err
 
 
 def test_strangers_find_no_cluster(capsys, cluster, endpoint, keys, tmp_path):
     foreign, expired = tmp_path / "foreign", tmp_path / "expired"
     assert run(capsys, "keys", "init", foreign)[0] == 0
-    shutil.copy(keys / "authority.crt", foreign / "client")  # it trusts the cluster; the cluster does not trust it
+    shutil.copy(keys / "routers.crt", foreign / "client")  # it trusts the cluster; the cluster does not trust it
     code, _, err = run(capsys, "jobs", "--connect", endpoint, "--keys", foreign)
     assert code == 1
     assert (

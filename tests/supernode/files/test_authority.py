@@ -1,15 +1,16 @@
 """The authority's files, and the certificates in them."""
 
 import stat
+import threading
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from cryptography import x509
 
 from problems.errors import BadInput
-from supernode.files.authority import Authority, own_names
+from supernode.files.authority import Authority, locked, own_names
 from supernode.files.key_folder import identity_in, secret_in
-from wire.members import CERTIFICATE, KEY, MEMBER, MEMBERS, SECRET, Identity
+from wire.members import CERTIFICATE, KEY, MEMBER, MEMBERS, OTHERS, ROUTERS, SECRET, Identity
 
 
 @pytest.fixture
@@ -31,7 +32,18 @@ def test_a_certificate_names_its_member_and_its_addresses(authority):
     assert [str(each.value) for each in names] == ["localhost", "10.0.0.1"]
     left = made.not_valid_after_utc - datetime.now(UTC)
     assert timedelta(days=9.9) < left <= timedelta(days=10)
-    made.verify_directly_issued_by(x509.load_pem_x509_certificate((authority.folder / "authority.crt").read_bytes()))
+    made.verify_directly_issued_by(x509.load_pem_x509_certificate((authority.folder / ROUTERS).read_bytes()))
+
+
+def test_no_other_member_can_pose_as_a_router(authority):
+    authority.add("h2", "node", (), 1.0, ("10.0.0.1",))
+    routers = x509.load_pem_x509_certificate((authority.folder / ROUTERS).read_bytes())
+    for name in ("anna", "h2"):
+        with pytest.raises(ValueError, match="Issuer"):
+            certificate(authority, name).verify_directly_issued_by(routers)
+        certificate(authority, name).verify_directly_issued_by(
+            x509.load_pem_x509_certificate((authority.folder / OTHERS).read_bytes())
+        )
 
 
 def test_only_the_owner_can_read_any_file(authority):
@@ -52,6 +64,13 @@ def test_the_secret_is_for_those_who_command(authority):
     assert len(secrets) == 1
     assert not (authority.folder / "anna" / SECRET).exists()
     assert not (authority.folder / "router" / SECRET).exists()
+    (authority.folder / "spy" / SECRET).unlink()
+    with pytest.raises(BadInput, match=r"--keys: .*secret: expected the cluster's secret"):
+        secret_in(identity_in(authority.folder, "spy"))
+    (authority.folder / "spy" / SECRET).write_text("x")
+    (authority.folder / "spy" / SECRET).chmod(0o600)
+    with pytest.raises(BadInput, match=r"--keys: .*secret: expected the secret that `supernode keys` made"):
+        secret_in(identity_in(authority.folder, "spy"))
 
 
 def test_renewed_keys_last_as_long_as_those_before(authority):
@@ -69,9 +88,50 @@ def test_a_revoked_member_is_off_the_list_and_its_keys_are_gone(authority):
     assert [each.name for each in Identity.read(authority.folder / "router").members()] == ["router"]
     assert not (authority.folder / "anna").exists()
     assert list(Authority(authority.folder).members) == ["router"]
+    for known in (authority, Authority(authority.folder)):
+        with pytest.raises(BadInput, match="expected a new name, found one that was revoked"):
+            known.add("anna", "client", (), 1.0, ())
 
 
-@pytest.mark.parametrize("name", ["anna", "a/b", "", "anyone", "a.b"])
+def test_the_only_router_stays(authority):
+    with pytest.raises(BadInput, match="router: expected another router to be left, found none"):
+        authority.revoke("router")
+
+
+def test_a_member_whose_folder_was_moved_is_renewed_and_revoked(authority, tmp_path):
+    (authority.folder / "anna").rename(tmp_path / "elsewhere")
+    assert authority.renew("anna", None).days == 10.0
+    (authority.folder / "anna").rename(tmp_path / "again")
+    authority.revoke("anna")
+    assert "anna" not in authority.members
+
+
+def test_one_process_at_a_time_changes_an_authority(authority):
+    def change(number):
+        with locked(authority.folder):
+            Authority(authority.folder).add(f"m{number}", "client", (), 1.0, ())
+
+    threads = [threading.Thread(target=change, args=(number,)) for number in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(Authority(authority.folder).members) == 10
+
+
+@pytest.mark.parametrize("address", ["", "tls/1.2.3.4:7", "ümlaut.example", "a b"])
+def test_addresses_that_no_host_has(authority, address):
+    with pytest.raises(BadInput, match="--address: expected a host's name or address"):
+        authority.add("h2", "node", (), 1.0, (address,))
+
+
+@pytest.mark.parametrize("days", [1e9, 0.0, float("nan")])
+def test_times_that_no_certificate_can_last(authority, days):
+    with pytest.raises(BadInput, match="--days: expected at most 36500"):
+        authority.add("h2", "node", (), days, ())
+
+
+@pytest.mark.parametrize("name", ["anna", "a/b", "", "anyone", "a.b", "secret"])
 def test_names_that_no_member_can_have(authority, name):
     with pytest.raises(BadInput, match="expected"):
         authority.add(name, "client", (), 1.0, ())
@@ -86,7 +146,8 @@ def test_a_folder_with_files_is_left_alone(tmp_path):
 def test_a_folder_without_an_authority(tmp_path):
     with pytest.raises(BadInput, match=r"No such file or directory; `supernode keys init .*` makes an authority"):
         Authority(tmp_path)
-    (tmp_path / "authority.crt").write_text("x")
+    for name in (ROUTERS, OTHERS, "routers.key", "members.key"):
+        (tmp_path / name).write_text("x")
     with pytest.raises(BadInput, match="expected an authority of `supernode keys init`"):
         Authority(tmp_path)
 
