@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "max-nodes", "let no more nodes join; further hosts wait for room (no limit)", metavar="N")
     add_option(parser, "state", "the folder that keeps the jobs (the user's default one)", metavar="DIR")
     add_option(parser, "database", "keep the jobs in this database, not in a file in the state folder", metavar="URL")
-    add_option(parser, "max-queue", "refuse jobs when this many wait (no limit)", metavar="N")
+    add_option(parser, "max-queue", "refuse a client's jobs when this many of its wait (no limit)", metavar="N")
     add_log_json(parser)
     add_option(parser, "keep-days", "delete ended jobs and records that are older (30)", metavar="D", default="30")
     add_option(parser, "keep-records", "keep only the newest N of each kind (1000000)", metavar="N", default="1000000")

@@ -49,7 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_insecure(parser)
     parser.add_argument("--state", metavar="DIR", help="the state folder (the user's default one)")
     parser.add_argument("--database", metavar="URL", help="keep the jobs in this database, not in the state folder")
-    parser.add_argument("--max-queue", metavar="N", type=whole, help="refuse jobs when this many wait (no limit)")
+    parser.add_argument(
+        "--max-queue", metavar="N", type=whole, help="refuse a client's jobs when this many of its wait (no limit)"
+    )
     add_log_json(parser)
     parser.add_argument(
         "--keep-days", metavar="D", type=float, default=30.0, help="delete ended jobs and records that are older (30)"
