@@ -274,11 +274,8 @@ BUGS = (
     Bug(
         "the last question for nodes counts alone at a takeover",
         "coordinator.jobs.replacing",
-        "                answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)\n"
-        "                for look",
-        "                answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)\n"
-        "                cells.clear()\n"
-        "                for look",
+        "                for look in looks(answers):\n                    job.versions",
+        "                cells.clear()\n                for look in looks(answers):\n                    job.versions",
     ),
 )
 

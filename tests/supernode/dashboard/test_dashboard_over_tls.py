@@ -1,6 +1,5 @@
 """TLS, tokens and sessions by every way in which a dashboard is started."""
 
-import json
 import os
 import signal
 import ssl
@@ -11,6 +10,8 @@ from urllib.error import HTTPError
 
 import pytest
 from live_service import ROOT, address_in, children_of, command_of, live, until
+
+from supernode.exits import INTERRUPTED, NOT_REACHED
 
 SUPERNODE = [sys.executable, "-m", "supernode"]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -94,8 +95,8 @@ def test_solve_shows_over_tls(tmp_path, options, visitor):
         try:
             assert is_guarded(visitor, address_in(next(line for line in process.stderr if "dashboard " in line)))
             process.send_signal(signal.SIGINT)
-            out, _ = process.communicate(timeout=30)
-            assert json.loads(out)["status"] == "cancelled"
+            process.communicate(timeout=30)
+            assert process.returncode in (NOT_REACHED, INTERRUPTED)  # it may not have begun to breed yet
         finally:
             process.kill()
 
