@@ -115,7 +115,7 @@ class Zygote:
         self.topology = topology
         self.folder = folder
         keys = None if service is None else service["keys"]
-        self._identity = None if keys is None else Identity.read(Path(keys))  # of the router; the others use sockets
+        self._router_identity = None if keys is None else Identity.read(Path(keys))  # the others use sockets
         self.service = service  # `coordinator.launch.launcher.ServiceOptions`, as JSON has them
         self._kinds = kinds  # of problem, whose kernels are loaded; None for all
         self.children: dict[int, str] = {}  # running children, process id to name
@@ -184,9 +184,11 @@ class Zygote:
         import spy.process
         from wire import sessions
 
-        (
-            sessions.log_nothing if self._identity is None else sessions.log_refusals
-        )()  # here, since it would touch forty pages in each child
+        # Here, since it would touch forty pages in each child.
+        if self._router_identity is None:
+            sessions.log_nothing()
+        else:
+            sessions.log_refusals()
         self._core_tokens = node.core_token.for_all_cores(nodes)
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.enable()
@@ -216,7 +218,7 @@ class Zygote:
 
             os.close(ready)
             try:
-                route(listen, tell, self._identity, self._log_lines())
+                route(listen, tell, self._router_identity, self._log_lines())
             except ClusterFailed as error:
                 os.write(tell, str(error).encode())
 
