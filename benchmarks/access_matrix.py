@@ -1,4 +1,4 @@
-"""What each role can send, receive and answer on each kind of link, tried with real keys.
+"""Try what each role can send, receive and answer on each kind of link, with real keys.
 
     python -m benchmarks.access_matrix
 

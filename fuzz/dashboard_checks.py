@@ -1,4 +1,4 @@
-"""What schemathesis checks of each answer of the dashboard; it imports this module by `SCHEMATHESIS_HOOKS`."""
+"""Check each answer of the dashboard, for schemathesis; it imports this module by `SCHEMATHESIS_HOOKS`."""
 
 import schemathesis
 

@@ -1,4 +1,4 @@
-"""What an input may take at most; more is a finding."""
+"""Limit what an input may take; more is a finding."""
 
 MOST_SECONDS = 5.0  # of CPU time
 GIVEN_UP_AFTER = 120  # seconds of wall-clock time, in which even a busy machine finds five of CPU time

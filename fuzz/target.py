@@ -1,4 +1,4 @@
-"""What is fuzzed: a function that reads bytes, and inputs to begin with."""
+"""Describe what is fuzzed: a function that reads bytes, and inputs to begin with."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

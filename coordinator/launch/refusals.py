@@ -1,4 +1,4 @@
-"""What a router has refused, from the log of Zenoh, which tells it nowhere else.
+"""Tell what a router has refused, from the log of Zenoh, which tells it nowhere else.
 
 A refused message is told by two lines of one thread: that somebody is unauthorized, and that the message was
 intercepted. The first alone may be a look into the future: Zenoh works out the permissions for a key in advance. A

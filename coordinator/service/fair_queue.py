@@ -1,12 +1,12 @@
 """A queue in which no client holds up another: their requests are taken in turns, however many one of them sends."""
 
 import threading
-import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-_MOST_CLIENTS = 10_000  # whose rates are remembered
+from coordinator.rate_limit import Limit
+
 _Item = TypeVar("_Item")
 
 
@@ -23,11 +23,10 @@ class FairQueue(Generic[_Item]):
         self, most: int, a_second: float | None = None, is_limited: Callable[[str], bool] = lambda _: True
     ) -> None:
         self._most = most
-        self._a_second = a_second
+        self._rate = None if a_second is None else Limit(a_second, int(a_second))
         self._is_limited = is_limited
         self._changed = threading.Condition()
         self._waiting: OrderedDict[str, deque[_Item]] = OrderedDict()  # by client, the next one first; none is empty
-        self._allowed: dict[str, tuple[float, float]] = {}  # by client, how many items were allowed, and when that was
         self._is_closed = False
 
     def put(self, client: str, item: _Item) -> bool:
@@ -63,32 +62,24 @@ class FairQueue(Generic[_Item]):
         Returns:
             0.0, or how many seconds no client may; None if nothing waits.
         """
-        now, least = time.monotonic(), None
+        least = None
         for client in list(self._waiting):
-            pause = self._pause_of(client, now)
+            pause = self._pause_of(client)
             if pause == 0.0:
                 self._waiting.move_to_end(client, last=False)
                 return 0.0
             least = pause if least is None else min(least, pause)
         return least
 
-    def _pause_of(self, client: str, now: float) -> float:
-        """Return for how many seconds no item of a client may be taken: a bucket of tokens, which fills with time."""
-        if self._a_second is None or not self._is_limited(client):
-            return 0.0
-        if len(self._allowed) > _MOST_CLIENTS:  # those without certificates may claim any names
-            self._allowed.clear()
-        allowed, then = self._allowed.get(client, (self._a_second, now))
-        allowed = min(self._a_second, allowed + self._a_second * (now - then))
-        self._allowed[client] = allowed, now
-        return 0.0 if allowed >= 1.0 else (1.0 - allowed) / self._a_second
+    def _pause_of(self, client: str) -> float:
+        """Return for how many seconds no item of a client may be taken."""
+        return 0.0 if self._rate is None or not self._is_limited(client) else self._rate.wait(client)
 
     def _pop(self) -> _Item:
         client, waiting = self._waiting.popitem(last=False)
         item = waiting.popleft()
         if waiting:
             self._waiting[client] = waiting  # behind all others
-        if client in self._allowed:
-            allowed, then = self._allowed[client]
-            self._allowed[client] = allowed - 1.0, then
+        if self._rate is not None and self._is_limited(client):
+            self._rate.count(client)
         return item

@@ -31,7 +31,7 @@ from coordinator.service.waiting_room import Queue, WaitingRoom
 from coordinator.store.database import StoreFailed
 from coordinator.store.job_store import Store
 from coordinator.store.record_book import Keep, RecordBook
-from coordinator.store.recorder import Recorder
+from coordinator.store.recorder import Recorder, log_record
 from node.node_config import NodeConfig
 from problems.modules import Modules
 from wire import jobs, sessions
@@ -141,6 +141,9 @@ class Service:
             ends="coordinator" if options.joined else "cluster",
             unprotected=options.unprotected,
         )
+        for endpoint in options.unprotected:
+            text = f"whoever reaches {endpoint} can use, and misuse, this cluster: see docs/security.md"
+            self._recorder.logged(log_record("warning", text))
 
     def serve(self) -> None:
         """Continue the jobs of the previous coordinator, then answer requests until `stop`."""

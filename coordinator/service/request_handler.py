@@ -108,9 +108,6 @@ class RequestHandler:
 
         A running job that cannot be taken over is queued again; one past its deadline ends without a result.
         """
-        for endpoint in self._unprotected:
-            text = f"whoever reaches {endpoint} can use, and misuse, this cluster: see docs/security.md"
-            self._recorder.logged(log_record("warning", text, None))
         unended = self._store.unended()
         living = [job for job in unended if job.status in (*LIVING, "deadline") and job.nodes]
         adopted = {job.number for job in living if self._adopted(job)}

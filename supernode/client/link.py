@@ -82,9 +82,10 @@ class Link:
             ClusterFailed: if the request fails in the cluster, or nothing has answered for ``patience`` seconds.
         """
         self._check_right(request)
+        payload = encode(request)
         until = time.monotonic() + patience
         while True:
-            answers = await self._gather(request, max(_AGAIN, until - time.monotonic()))
+            answers = await self._gather(request.right, payload, max(_AGAIN, until - time.monotonic()))
             if answers:
                 return _value(answers[0])
             self.place.info()  # raises at once if the state folder says that the cluster is down
@@ -125,7 +126,9 @@ class Link:
             ClusterFailed: if none is there in time, or several are and none of them is the one that is meant.
         """
         while True:
-            answers = await self._gather(Status(), PATIENCE)  # returns at once if no coordinator is there
+            answers = await self._gather(
+                Status.right, encode(Status()), PATIENCE
+            )  # returns at once if no coordinator is there
             names = sorted({str(_value(answer)["cluster"]) for answer in answers})
             if len(names) == 1:
                 return names[0]
@@ -148,15 +151,15 @@ class Link:
             has = ", ".join(member.may) or "nothing"
             raise BadInput(f"{member.name} may {has}, but {request.name} needs the right to {request.right}")
 
-    async def _gather(self, request: Request, seconds: float) -> list[bytes]:
-        """Send one query and return all answers to it, none if nothing answers within ``seconds``.
+    async def _gather(self, right: str, payload: bytes, seconds: float) -> list[bytes]:
+        """Send one request and return all answers to it, none if nothing answers within ``seconds``.
 
         Raises:
             ClusterFailed: if the session is broken.
         """
         answers: list[bytes] = []
         over = self._loop.create_future()
-        key = self.keys.requests(ANYONE if self._member is None else self._member.name, request.right)
+        key = self.keys.requests(ANYONE if self._member is None else self._member.name, right)
 
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is not None:  # else an error of Zenoh's own, such as a timeout
@@ -166,7 +169,7 @@ class Link:
             self._call(_settle, over)
 
         try:
-            self._session.get(key, direct(hear, end), payload=encode(request), timeout=seconds)
+            self._session.get(key, direct(hear, end), payload=payload, timeout=seconds)
         except zenoh.ZError as error:
             raise ClusterFailed(f"the link to {self.place} is broken: {error}") from None
         await over

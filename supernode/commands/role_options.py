@@ -47,10 +47,7 @@ def add_membership(parser: argparse.ArgumentParser) -> None:
 
 def add_trust(parser: argparse.ArgumentParser) -> None:
     """Add the options for the cluster's secret, and for the users' modules that the process may run."""
-    file = (
-        "the cluster's secret, the same for coordinator, spy and nodes; made if missing (that of the keys, else in the"
-    )
-    file += " user's state folder)"
+    file = "the cluster's secret, the same for coordinator, spy and nodes; made if missing (the keys', else the user's)"
     add_option(parser, "secret-file", file, metavar="FILE")
     add_option(parser, "allow-module", "let jobs use problems from this module of yours (none)", metavar="M")
 
@@ -97,12 +94,12 @@ def check_listen(endpoints: Iterable[str], has_keys: bool, insecure: bool) -> No
         BadInput: if an endpoint does not fit the keys, or needs some.
     """
     from problems.errors import BadInput
-    from wire.sessions import is_encrypted, is_plain_abroad
+    from wire.sessions import UNIX_SOCKET, is_encrypted, is_plain_abroad
 
     for each in endpoints:
         if is_encrypted(each) and not has_keys:
             raise BadInput(f"--listen: {each}: expected --keys DIR too; `supernode keys init DIR` makes keys")
-        if has_keys and not is_encrypted(each) and not each.startswith("unixsock"):
+        if has_keys and not is_encrypted(each) and not each.startswith(UNIX_SOCKET):
             raise BadInput(f"--listen: expected tls/ADDRESS:PORT or quic/ADDRESS:PORT with --keys, found {each}")
         if not has_keys and not insecure and is_plain_abroad(each):
             raise BadInput(

@@ -50,7 +50,7 @@ def test_nothing_is_lost_doubled_or_reordered_for_a_client(items):
 
 def test_a_rate_holds_for_those_that_are_limited(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr("coordinator.service.fair_queue.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("coordinator.rate_limit.time.monotonic", lambda: now[0])
     queue = FairQueue(100, 2.0, lambda client: client != "trusted")
     for number in range(6):
         queue.put("flood", number)

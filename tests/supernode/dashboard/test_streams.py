@@ -106,13 +106,20 @@ def test_a_dashboard_whose_news_break_ends(show, monkeypatch):
         until(lambda: shown.ended)
 
 
-def test_there_is_a_most(shown, monkeypatch):
-    monkeypatch.setattr(streams, "MOST", 2)
+@pytest.mark.parametrize(
+    ("most", "refusal"),
+    [("MOST", (503, "there are 2 streams already\n")), ("MOST_OF_ONE", (429, "this address has 2 streams already\n"))],
+)
+def test_there_is_a_most_of_all_and_of_one_address(shown, monkeypatch, most, refusal):
+    monkeypatch.setattr(streams, most, 2)
     with listen(shown) as one, listen(shown) as two:
         first_event(one), first_event(two)
         status, _, text = shown.ask("GET", "/events")
-        assert (status, text) == (503, "there are 2 streams already\n")
+        assert (status, text) == refusal
     until(lambda: shown.streams.count == 0)
+    assert shown.streams._of == {}
+    with listen(shown) as again:
+        first_event(again)
 
 
 def test_news_end_with_the_session(show, monkeypatch):
@@ -128,18 +135,6 @@ def test_news_end_with_the_session(show, monkeypatch):
         for _ in news:  # until they end
             pass
     until(lambda: shown.streams.count == 0)
-
-
-def test_one_address_does_not_take_up_all(shown, monkeypatch):
-    monkeypatch.setattr(streams, "MOST_OF_ONE", 2)
-    with listen(shown) as one, listen(shown) as two:
-        first_event(one), first_event(two)
-        status, _, text = shown.ask("GET", "/events")
-        assert (status, text) == (429, "this address has 2 streams already\n")
-    until(lambda: shown.streams.count == 0)
-    assert shown.streams._of == {}
-    with listen(shown) as again:
-        first_event(again)
 
 
 @pytest.fixture
