@@ -265,7 +265,8 @@ def test_a_question_that_is_dropped_ends_and_one_that_is_kept_times_out(net):
         assert dropped.answers == []
         late = Asked(net, asking, "q/kept", timeout=1.0)
         net.wait_for(lambda: late.is_over)
-        assert late.answers in ([None], [])
+        # Zenoh's router and its client both tell the error when their times end together.
+        assert all(told is None for told in late.answers)
         queries.pop().drop()
         assert kept
 
