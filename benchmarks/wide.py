@@ -92,13 +92,17 @@ class Watcher:
         return rates
 
     def messages_per_second(self, until: float) -> float:
-        """Return the messages per second that all nodes sent within the window before a time."""
+        """Return the messages per second that all nodes sent within the window before a time.
+
+        Counters may come late and many at once. So the two that are compared came at least a window apart.
+        """
         rate = 0.0
         with self._lock:
             for told in self._told.values():
-                within = [each for each in told if until - _WINDOW <= each[0] <= until]
-                if len(within) > 1:
-                    (began, first), (ended, last) = within[0], within[-1]
+                at = bisect.bisect_right(told, until, key=lambda each: each[0])
+                start = bisect.bisect_right(told, told[at - 1][0] - _WINDOW, key=lambda each: each[0])
+                if at and start:
+                    (began, first), (ended, last) = told[start - 1], told[at - 1]
                     rate += (last.sent - first.sent) / (ended - began)
         return rate
 

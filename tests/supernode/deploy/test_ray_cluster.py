@@ -15,6 +15,8 @@ from supernode.__main__ import main
 ray = pytest.importorskip("ray", reason="an extra")
 pytestmark = pytest.mark.timeout(400)
 ENDLESS = 'kind = "function"\nname = "onemax"\ndimension = 32\n[run]\ntarget = -1.0\n'
+# Deceptive: 40 blocks of 5 bits lead away from the optimum. As onemax it is solved in seconds.
+HARD = 'kind = "function"\nname = "trap"\ndimension = 200\n[run]\ntopology = "torus 4x4"\nstall = 1000000\n'
 
 
 def supernodes():
@@ -54,14 +56,15 @@ def test_a_machine_goes_and_the_job_goes_on(machines, tmp_path):
         assert result.history_sha256 == supernode.simulate(example).history_sha256
         (placement,) = _placements(on_ray, path)
         assert placement["crossing"] / placement["edges"] <= 0.5  # blocks of 2 x 2
-        job = on_ray.submit(path, topology="torus 4x4", seconds=60)
+        path.write_text(HARD)
+        job = on_ray.submit(path, seconds=200)
         until(lambda: job.state() == "running")
         first = ray.util.placement_group_table(on_ray._groups[0])["bundles_to_node_id"][0]
         cluster.remove_node(next(each for each in others if each.node_id != first))
         until(lambda: job.show()["epoch"] > 0)
         until(lambda: all(node["process"] for node in on_ray.status()["nodes"]))
-        job.cancel()
-        assert job.result(60).status == "cancelled"
+        job.update(name="onemax")
+        assert job.result(120).status == "solved"
         on_ray.grow(4)
         larger = example.with_run(topology="torus 4x5")
         assert on_ray.submit(larger).result(60).history_sha256 == supernode.simulate(larger).history_sha256
