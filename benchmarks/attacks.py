@@ -156,6 +156,8 @@ def _submits(attacked: Attacked) -> None:
     threads = [threading.Thread(target=submit, args=(first,)) for first in range(4)]
     for thread in threads:
         thread.start()
+    for thread in threads:
+        thread.join()
 
 
 ATTACKS: dict[str, Callable[[Attacked], None]] = {
