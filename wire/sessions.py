@@ -17,6 +17,7 @@ from typing import Any
 
 import zenoh
 
+from wire.keys import PREFIX
 from wire.members import OTHERS, ROUTERS, Identity
 
 # In the syntax of ZENOH_RUNTIME; a runtime with a "handover" has no threads and runs its tasks on the other's.
@@ -37,6 +38,22 @@ LONG_ANSWER = zenoh.Priority.DATA_LOW
 # of four neighbours (`node.engine.state.MOST_BYTES`) and some 12 KB of messages. (Large states of more neighbours may
 # fill it still.) A thread of its own for sending would cost each exchange a change of threads.
 _LONG_QUEUE = 16  # batches; 2 by default
+# A client that does not read must not hold up the answers to others, which pass the router one after another. So the
+# router drops an answer that finds no room for half a second, and later ones for the same client at once; the client
+# asks again. Without this it waits for room, and closes the link after 5 s. Answers have the quality of their question.
+_ANSWERS_ABROAD: dict[str, Any] = {
+    "qos/network": [
+        {
+            "messages": ["query"],
+            "key_exprs": [f"{PREFIX}/*/jobs/**"],
+            "link_protocols": ["tcp", "tls", "quic"],
+            "flows": ["ingress"],
+            "overwrite": {"congestion_control": "drop"},
+        }
+    ],
+    "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": 500_000,  # us
+    "transport/link/tx/queue/size/data": 16,  # batches of 64 KB, made when they are needed; 2 by default
+}
 _ALWAYS: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -98,7 +115,7 @@ def router(
         identity: who this process shows itself to be on encrypted links.
         access: what others may send and receive: see `wire.access`. None: everything.
     """
-    return _open("router", list(listen), [], identity, _access(access))
+    return _open("router", list(listen), [], identity, {**_ANSWERS_ABROAD, **_access(access)})
 
 
 def client(endpoint: str, identity: Identity | None = None) -> zenoh.Session:

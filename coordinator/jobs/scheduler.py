@@ -53,6 +53,7 @@ class _Wiring(NamedTuple):
     nodes: tuple[int, ...]
 
 
+_CLIENTS_KEPT = 1000  # without keys anybody can make up names
 _UNWIRED = _Wiring(-1, "", ())
 
 
@@ -79,7 +80,7 @@ class Scheduler:
         self._here = set() if joining else set(range(nodes))
         self.max_queue = max_queue
         self._queues: dict[str, list[_Waiting]] = {}  # by client, sorted; none is empty
-        self._turns: dict[str, int] = {}  # by client that has a job waiting, when its latest job started
+        self._turns: dict[str, int] = {}  # by client, when its latest job started; the oldest first
         self._starts = itertools.count()
         self._busy: dict[int, tuple[int, ...]] = {}  # job to nodes, also to nodes that have left
         self._free = set(self._here)  # the nodes that are here and busy with no job
@@ -97,7 +98,7 @@ class Scheduler:
     def queued(self) -> tuple[int, ...]:
         """The jobs that wait, the next one first."""
         in_turns = sorted(
-            (rank, self._turns[client], waiting.number)
+            (rank, self._turn(client), waiting.number)
             for client, queue in self._queues.items()
             for rank, waiting in enumerate(queue)
         )
@@ -151,7 +152,6 @@ class Scheduler:
         queue = self._queues.get(client, [])
         full = self.max_queue is not None and len(queue) >= self.max_queue
         self._queues[client] = sorted([*queue, waiting])
-        self._turns.setdefault(client, next(self._starts))
         starts_at_once = self._next() == (client, waiting) and cells <= len(self._free)
         if full and not starts_at_once and not accepted_before:
             self.remove(number)
@@ -170,26 +170,36 @@ class Scheduler:
         if queue:
             self._queues[client] = queue
         else:
-            del self._queues[client], self._turns[client]
+            del self._queues[client]
 
     def _next(self) -> tuple[str, _Waiting] | None:
         """Return the job that starts next, with its client; None if none waits."""
         if not self._queues:
             return None
-        client = min(self._queues, key=lambda each: self._turns[each])
+        client = min(self._queues, key=lambda each: (self._turn(each), self._queues[each][0].number))
         return client, self._queues[client][0]
+
+    def _turn(self, client: str) -> int:
+        """Return when a client's latest job started: numbers that rise with time, -1 for never."""
+        return self._turns.get(client, -1)
 
     def start(self) -> list[Placed]:
         """Give nodes to the jobs that may start now, in the order of the queue, and return them."""
         placed = []
         while (found := self._next()) is not None and found[1].cells <= len(self._free):
             client, waiting = found
-            self._turns[client] = next(self._starts)
+            self._note_turn(client)
             self._set(client, self._queues[client][1:])
             nodes = self._choose(waiting.cells, waiting.topology)
             self._take(waiting.number, nodes, waiting.topology)
             placed.append(Placed(waiting.number, nodes))
         return placed
+
+    def _note_turn(self, client: str) -> None:
+        self._turns.pop(client, None)  # so that it becomes the latest
+        self._turns[client] = next(self._starts)
+        if len(self._turns) > _CLIENTS_KEPT:
+            del self._turns[next(iter(self._turns))]
 
     def free(self, number: int) -> None:
         """Free the nodes of a job that has ended; they stay wired as they are. Harmless if the job has none."""

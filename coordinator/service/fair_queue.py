@@ -1,13 +1,30 @@
 """A queue in which no client holds up another: their requests are taken in turns, however many one of them sends."""
 
 import threading
+import time
 from collections import OrderedDict, deque
-from collections.abc import Callable
-from typing import Generic, TypeVar
-
-from coordinator.rate_limit import Limit
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Generic, NamedTuple, TypeVar
 
 _Item = TypeVar("_Item")
+_SAVED = 2.0  # seconds: a client that was quiet may take its share of so long at once
+_RECENT = 5.0  # seconds for which a client counts as one that asks
+
+
+class Shares(NamedTuple):
+    """How much of a processor's time may go into one client's items in the long run.
+
+    Attributes:
+        alone: the share while no other client asks.
+        beside: the share while others ask too.
+    """
+
+    alone: float
+    beside: float
+
+
+_ALL = Shares(1.0, 1.0)
 
 
 class FairQueue(Generic[_Item]):
@@ -15,16 +32,18 @@ class FairQueue(Generic[_Item]):
 
     Args:
         most: how many items of one client may wait.
-        a_second: how many items of one client are taken a second, after a first burst of as many; None for any number.
-        is_limited: which clients ``a_second`` holds for.
+        shares: how much processor time one client's items may take, as far as it is `charged`.
+        is_limited: which clients ``shares`` holds for.
     """
 
-    def __init__(
-        self, most: int, a_second: float | None = None, is_limited: Callable[[str], bool] = lambda _: True
-    ) -> None:
+    def __init__(self, most: int, shares: Shares = _ALL, is_limited: Callable[[str], bool] = lambda _: True) -> None:
         self._most = most
-        self._rate = None if a_second is None else Limit(a_second, int(a_second))
+        self._shares = shares
         self._is_limited = is_limited
+        self._heard: dict[str, float] = {}  # when a client asked last, for those who did so lately
+        self._free: dict[
+            str, float
+        ] = {}  # from when on a client's items may be taken, for those who were charged lately
         self._changed = threading.Condition()
         self._waiting: OrderedDict[str, deque[_Item]] = OrderedDict()  # by client, the next one first; none is empty
         self._is_closed = False
@@ -32,6 +51,7 @@ class FairQueue(Generic[_Item]):
     def put(self, client: str, item: _Item) -> bool:
         """Add an item; return False, and leave it out, if too many of the client's wait already."""
         with self._changed:
+            self._heard[client] = time.monotonic()
             waiting = self._waiting.setdefault(client, deque())
             if len(waiting) >= self._most:
                 return False
@@ -48,6 +68,26 @@ class FairQueue(Generic[_Item]):
                     return self._pop()
                 self._changed.wait(pause)
             return None
+
+    @contextmanager
+    def charged(self, client: str) -> Iterator[None]:
+        """Charge a client with the processor time that this thread uses while the context is open."""
+        began = time.thread_time()
+        try:
+            yield
+        finally:
+            self.charge(client, time.thread_time() - began)
+
+    def charge(self, client: str, seconds: float) -> None:
+        """Count processor time that an item of a client took: its next one waits until its share allows that."""
+        if not self._is_limited(client):
+            return
+        with self._changed:
+            now = time.monotonic()
+            self._heard = {each: at for each, at in self._heard.items() if now - at < _RECENT}
+            self._free = {each: at for each, at in self._free.items() if now - at < _SAVED}
+            share = self._shares.beside if self._heard.keys() - {client} else self._shares.alone
+            self._free[client] = max(self._free.get(client, 0.0), now - _SAVED) + seconds / share
 
     def close(self) -> None:
         """Let each `take` return None; items that wait are forgotten."""
@@ -73,13 +113,11 @@ class FairQueue(Generic[_Item]):
 
     def _pause_of(self, client: str) -> float:
         """Return for how many seconds no item of a client may be taken."""
-        return 0.0 if self._rate is None or not self._is_limited(client) else self._rate.wait(client)
+        return max(0.0, self._free.get(client, 0.0) - time.monotonic())
 
     def _pop(self) -> _Item:
         client, waiting = self._waiting.popitem(last=False)
         item = waiting.popleft()
         if waiting:
             self._waiting[client] = waiting  # behind all others
-        if self._rate is not None and self._is_limited(client):
-            self._rate.count(client)
         return item

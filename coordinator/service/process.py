@@ -23,7 +23,7 @@ from coordinator.jobs.hooks import MakeJobRunner
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.log_lines import LogLines
 from coordinator.service.checking import Checker
-from coordinator.service.fair_queue import FairQueue
+from coordinator.service.fair_queue import FairQueue, Shares
 from coordinator.service.host_book import HOST_TIMEOUT
 from coordinator.service.lanes import Lanes
 from coordinator.service.request_handler import RequestHandler
@@ -45,7 +45,7 @@ _SUBMITS_AT_ONCE = 8  # a problem may take a hundred times its size in memory wh
 _SUBMITS = Queue("submits", 1000, 256 << 20)
 _SUBMITS_OF_ONE, _BYTES_SUBMITTED = 250, 64 << 20  # of a client with a certificate, so that it leaves room for others
 _MOST_WAITING = 2000  # requests of one client; further ones are dropped, and asked again
-_A_SECOND = 200.0  # requests of a client with a certificate
+_SHARES = Shares(alone=0.5, beside=0.1)  # of a client with a certificate, in questions, and again in submits
 _CHANGES = Queue("changes", 1000, 256 << 20)
 _CHANGES_OF_ONE, _BYTES_OF_ONE = 100, 64 << 20  # of one job, so that it leaves room for changes of others
 _TRY_AGAIN = 0.5  # seconds between two attempts to open the database
@@ -117,10 +117,10 @@ class Service:
     ) -> None:
         self._session = session
         self._keys = keys
-        self._mail: FairQueue[zenoh.Query] = FairQueue(_MOST_WAITING, _A_SECOND, lambda client: client != ANYONE)
+        self._mail: FairQueue[zenoh.Query] = FairQueue(_MOST_WAITING, _SHARES, _has_a_certificate)
         self._waiting = WaitingRoom()
         self._down = threading.Event()
-        self._submits: FairQueue[Callable[[], None]] = FairQueue(_MOST_WAITING)
+        self._submits: FairQueue[tuple[str, Callable[[], None]]] = FairQueue(_MOST_WAITING, _SHARES, _has_a_certificate)
         self._changes = Lanes()  # a lane for each job
         lines = LogLines(keys.cluster, options.log_json)
         self._store = _store_at(options.store, lines)
@@ -181,23 +181,26 @@ class Service:
             query.drop()  # type: ignore[no-untyped-call]
 
     def _submit(self) -> None:
-        while (answer := self._submits.take()) is not None:
-            answer()
+        while (waiting := self._submits.take()) is not None:
+            client, answer = waiting
+            with self._submits.charged(client):
+                answer()
 
     def _work(self) -> None:
         while (query := self._mail.take()) is not None:
-            try:
-                self._handle(query)
-            except Exception as error:
-                self._fail(query, error)
+            client, right = Keys.asker_of(str(query.key_expr))
+            with self._mail.charged(client):
+                try:
+                    self._handle(query, client, right)
+                except Exception as error:
+                    self._fail(query, error)
 
-    def _handle(self, query: zenoh.Query) -> None:
+    def _handle(self, query: zenoh.Query, client: str, right: str) -> None:
         """Answer a question at once; pass a submit or a change on to other threads. On the requests' thread."""
         try:
             request = jobs.decode(b"" if query.payload is None else query.payload.to_bytes())
         except Rejected as error:
             return self._reply(query, Refused(error.reason))
-        client, right = Keys.asker_of(str(query.key_expr))
         if request.right != right:  # else a client with another right could send it
             return self._reply(query, Refused(f"{request.name} is asked for at .../{request.right}, not .../{right}"))
         if isinstance(request, Submit | Update | Rewire):
@@ -217,7 +220,7 @@ class Service:
         leave = partial(self._waiting.leave, queues, size)
         answer = partial(self._answer_later, query, request, client, leave)
         if isinstance(request, Submit):
-            self._submits.put(client, answer)
+            self._submits.put(client, (client, answer))
         else:
             self._changes.put(request.job, answer)
         return None
@@ -251,6 +254,10 @@ class Service:
 
     def _forget(self, number: int) -> None:
         self._request_handler.forget(number)
+
+
+def _has_a_certificate(client: str) -> bool:
+    return client != ANYONE
 
 
 def _queues(request: Submit | Update | Rewire, client: str) -> tuple[Queue, ...]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from supernode.deploy.addresses import free_port
 from wire import sessions
 
 LONG_BYTES = 800_000  # of one answer: what three states of each of four neighbours and the messages since take
@@ -39,7 +40,32 @@ ROUTING = """
 import signal, sys
 from wire import sessions
 sessions.use_runtime(sessions.ROUTER_RUNTIME)
-session = sessions.router([sys.argv[1]])
+session = sessions.router(sys.argv[1:])
+print("ready", flush=True)
+signal.pause()
+"""
+
+STOPPING = """
+import os, signal, sys
+from wire import sessions
+from wire.callbacks import direct
+session = sessions.client(sys.argv[1])
+for _ in range(200):
+    session.get("supernode/c/jobs/x/watch", direct(lambda _: None), payload=b"short", timeout=60.0)
+print("ready", flush=True)
+os.kill(os.getpid(), signal.SIGSTOP)
+"""
+JOBS = """
+import signal, sys
+from wire import sessions
+from wire.callbacks import direct
+session = sessions.client(sys.argv[1])
+
+def hear(query):
+    with query:
+        query.reply("supernode/c/jobs/x/watch", bytes(400_000 if query.payload.to_bytes() == b"short" else 20_000_000))
+
+queryable = session.declare_queryable("supernode/c/jobs/*/*", direct(hear))
 print("ready", flush=True)
 signal.pause()
 """
@@ -74,3 +100,30 @@ def test_short_answers_are_given_beside_long_ones(asking):
         sizes += [len(reply.ok.payload.to_bytes()) for reply in long]
     assert sizes == ([5] * 20 + [LONG_BYTES]) * QUESTIONS
     assert time.monotonic() - began < ANSWERED_WITHIN
+
+
+def test_clients_that_do_not_read_hold_up_nobody(tmp_path):
+    """Each would for 5 s, until Zenoh gives it up, if the router waited for room for its answers."""
+    local, abroad = sessions.unix_socket(tmp_path, "router"), f"tcp/127.0.0.1:{free_port()}"
+    processes = [started(ROUTING, local, abroad), started(JOBS, local)]
+    session = sessions.client(abroad)
+    try:
+        assert len(answered(session, b"short")) == 400_000
+        processes += [started(STOPPING, abroad) for _ in range(3)]
+        began = time.monotonic()
+        assert len(answered(session, b"short")) == 400_000
+        assert time.monotonic() - began < 4.0
+        assert len(answered(session, b"long")) == 20_000_000
+    finally:
+        session.close()
+        for process in processes:
+            process.kill()
+            process.communicate()
+
+
+def answered(session, payload):
+    """Return the answer, as soon as there is one."""
+    while True:
+        for reply in session.get("supernode/c/jobs/x/watch", payload=payload, timeout=30.0):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()

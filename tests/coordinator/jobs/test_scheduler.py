@@ -405,12 +405,12 @@ def test_clients_take_turns_whatever_their_number_of_jobs_and_priorities():
     assert [placed.number for placed in scheduler.start()] == [0]
     scheduler.add(4, 4, "torus 2x2", 0, "other")
     scheduler.add(5, 4, "torus 2x2", 7, "other")
-    assert scheduler.queued == (1, 5, 2, 4, 3)
+    assert scheduler.queued == (5, 1, 4, 2, 3), "the other one's turn is longer ago"
     started = []
-    for number in (0, 1, 5, 2, 4):
+    for number in (0, 5, 1, 4, 2):
         scheduler.free(number)
         started += [placed.number for placed in scheduler.start()]
-    assert started == [1, 5, 2, 4, 3]
+    assert started == [5, 1, 4, 2, 3]
 
 
 def test_a_client_that_fills_its_queue_shuts_out_no_other():
@@ -422,4 +422,21 @@ def test_a_client_that_fills_its_queue_shuts_out_no_other():
         scheduler.add(2, 1, "ring 1", client="flood")
     assert scheduler.queued == (1,)
     scheduler.add(3, 1, "ring 1", client="other")
-    assert scheduler.queued == (1, 3)
+    assert scheduler.queued == (3, 1)
+
+
+def test_a_client_that_comes_back_is_next_and_too_many_names_are_forgotten(monkeypatch):
+    monkeypatch.setattr("coordinator.jobs.scheduler._CLIENTS_KEPT", 2)
+    scheduler = Scheduler(1)
+    for number, client in enumerate(["polite", "flood", "flood"]):
+        scheduler.add(number, 1, "ring 1", client=client)
+    assert [placed.number for placed in scheduler.start()] == [0]
+    scheduler.free(0)
+    assert [placed.number for placed in scheduler.start()] == [1]
+    scheduler.add(3, 1, "ring 1", client="polite")
+    assert scheduler.queued == (3, 2)
+    for number in range(4, 9):
+        scheduler.add(number, 1, "ring 1", client=f"made up {number}")
+        scheduler.free(number - 3)
+        scheduler.start()
+    assert len(scheduler._turns) == 2

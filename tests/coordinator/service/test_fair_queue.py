@@ -1,11 +1,13 @@
 """No client holds up another."""
 
 import threading
+import time
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.service.fair_queue import FairQueue
+from coordinator.service.fair_queue import FairQueue, Shares
 
 
 def drain(queue, count):
@@ -48,18 +50,55 @@ def test_nothing_is_lost_doubled_or_reordered_for_a_client(items):
         assert [item for item in taken if item[0] == client] == [item for item in items if item[0] == client]
 
 
-def test_a_rate_holds_for_those_that_are_limited(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr("coordinator.rate_limit.time.monotonic", lambda: now[0])
-    queue = FairQueue(100, 2.0, lambda client: client != "trusted")
-    for number in range(6):
+@pytest.fixture
+def now(monkeypatch):
+    time = [100.0]
+    monkeypatch.setattr("coordinator.service.fair_queue.time.monotonic", lambda: time[0])
+    return time
+
+
+def limited():
+    return FairQueue(100, Shares(alone=0.5, beside=0.1), lambda client: client != "trusted")
+
+
+def test_who_has_used_up_its_share_waits_and_others_do_not(now):
+    queue = limited()
+    for number in range(3):
         queue.put("flood", number)
         queue.put("trusted", "t")
-    assert drain(queue, 8).count("t") == 6, "after two of the flood, only the trusted one's are taken"
-    now[0] = 0.5
+    queue.charge("flood", 0.3)
+    queue.charge("trusted", 1000.0)
+    assert drain(queue, 3) == ["t", "t", "t"]
+    queue.put("other", "x")
+    assert queue.take() == "x"
+    now[0] += 1.01  # 0.3 s at a share of a tenth, of which 2 s were saved
+    assert queue.take() == 0
+
+
+def test_a_share_is_larger_while_nobody_else_asks(now):
+    queue = limited()
+    queue.put("other", "x")
+    assert queue.take() == "x"
+    now[0] += 5.0
+    queue.put("busy", 1)
+    queue.charge("busy", 1.0)  # 2 s at a share of a half, which were saved
+    assert queue.take() == 1
+    queue.put("other", "x")
+    queue.put("busy", 2)
+    queue.charge("busy", 0.1)
+    assert queue.take() == "x"
+    now[0] += 1.01
     assert queue.take() == 2
-    now[0] = 10.0
-    assert drain(queue, 2) == [3, 4], "it never saves more than a second's"
+
+
+def test_what_a_thread_does_is_charged():
+    queue, began = limited(), time.thread_time()
+    with queue.charged("one"):
+        while time.thread_time() < began + 1.1:
+            pass
+    queue.put("one", 1)
+    queue.put("other", 2)
+    assert queue.take() == 2, "1.1 s at a share of a half are more than was saved"
 
 
 def test_a_waiting_thread_gets_what_comes_and_learns_of_the_end():
