@@ -1,17 +1,20 @@
 """Try what each role can send, receive and answer on each kind of link, with real keys.
 
-    python -m benchmarks.access_matrix
+    python -m benchmarks.access_matrix [--link tls]
 
 A router serves Unix sockets, TLS and QUIC. For each link and role a session tries every kind of message of a cluster,
 its own and forged ones. A trusted session on the router's Unix socket sees what passes. Then the same for direct links
 between nodes of two hosts. The table has ``+`` where a message passes and ``.`` where it is refused, and ends with what
-differs from `ALLOWED`, if anything does.
+differs from `ALLOWED`, if anything does. Each kind of refusal on a link with certificates must also be in the log of
+the router.
 """
 
 import argparse
+import os
 import shutil
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
@@ -20,6 +23,7 @@ from typing import Any
 
 import zenoh
 
+from coordinator.launch.refusals import Refusals
 from supernode.deploy.addresses import free_port
 from supernode.files.authority import Authority
 from wire import access, sessions
@@ -31,6 +35,15 @@ KEYS = Keys("c1")
 LINKS = ("unix", "tls", "quic")
 ROLES = ("coordinator", "spy", "node", "client", "watcher", "dashboard", "router", "revoked", "foreign", "expired")
 _MAY = {"client": RIGHTS, "watcher": ("watch",), "dashboard": ("watch", "submit")}
+_LOGGED_AS = {
+    "publish": "Put",
+    "hear": "Declare Subscriber",
+    "ask": "Query",
+    "answer": "Declare Queryable",
+    "live": "Liveliness Token",
+    "watch": "Declare Liveliness Subscriber",
+}
+"""What Zenoh's log calls each kind of message."""
 _WITHIN, _NOT_WITHIN, _PAUSE = 5.0, 0.5, 0.02  # seconds
 _COORDINATOR, _SPY, _NODE = {"coordinator"}, {"spy"}, {"node"}
 _CLIENTS = {"client", "watcher", "dashboard"}
@@ -268,17 +281,59 @@ def differences(table: Table) -> list[str]:
     return found
 
 
+class RouterLog:
+    """Zenoh's log of refusals in this process, which has it on standard output; what is printed goes on as before.
+
+    Attributes:
+        lines: the first of each kind.
+    """
+
+    def __init__(self) -> None:
+        self.lines: set[str] = set()
+        reading, writing = os.pipe()
+        sys.stdout = os.fdopen(os.dup(1), "w")
+        os.dup2(writing, 1)
+        sessions.log_refusals()
+        threading.Thread(target=self._read, args=(reading,), daemon=True).start()
+
+    def _read(self, log: int) -> None:
+        refusals = Refusals(self.lines.add)
+        with os.fdopen(log, errors="replace") as lines:
+            for line in lines:
+                refusals.read(line, 0.0)
+
+    def lacks(self, table: Table) -> list[str]:
+        """Return which refusals of a table are not in the log."""
+        expected = {
+            "refused somebody who is no member: a message"
+            if role == "revoked"
+            else f"refused {role}: {_LOGGED_AS[message.partition(' ')[0]]} "
+            for (link, message, role), passes in table.items()
+            if not passes and link in ("tls", "quic") and role not in ("foreign", "expired", "router")
+        }
+        lines = self.lines.copy()
+        missing = {each for each in expected if not any(line.startswith(each) for line in lines)}
+        links = [line for line in lines if line.startswith("refused a link: ")]
+        missing |= {why for why in ("UnknownIssuer", "expired") if not any(why in line for line in links)}
+        return [f"the router's log lacks {each!r}" for each in sorted(missing)]
+
+
 def _word(passes: bool) -> str:
     return "that it passes" if passes else "that it is refused"
 
 
 def main() -> None:
     """Try all, and print the tables."""
-    argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None).parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
+    parser.add_argument("--link", choices=LINKS, help="through the router over this kind of link only")
+    only = parser.parse_args().link
+    log = RouterLog()
     tries: list[tuple[Callable[[Path, str], Any], str]] = [
         *((through_the_router, link) for link in LINKS),
         *((directly, link) for link in LINKS if link != "unix"),
     ]
+    if only:
+        tries = [(through_the_router, only)]
     found: Table = {}
     with authority() as folder:
         for function, link in tries:
@@ -288,7 +343,7 @@ def main() -> None:
         for message in dict.fromkeys(message for at, message, _ in found if at == link):
             marks = " | ".join("+" if found[link, message, role] else "." for role in ROLES)
             print(f"| {message} | {marks} |")
-    wrong = differences(found)
+    wrong = differences(found) + ([] if only == "unix" else log.lacks(found))
     print("\n" + "\n".join(wrong or [f"{len(found)} tries, all as they should be"]))
     sys.exit(bool(wrong))
 

@@ -22,13 +22,34 @@ def test_a_refused_message_is_said_at_once():
     assert read((0.0, UNAUTHORIZED), (0.0, INTERCEPTED)) == ["refused anna: Put on k/best"]
 
 
-def test_a_permission_worked_out_in_advance_is_no_refusal():
+def test_a_permission_without_a_message_is_no_refusal():
     assert read((0.0, UNAUTHORIZED), (0.0, UNAUTHORIZED)) == []
+
+
+CACHING = UNAUTHORIZED.replace(_WHO, "ACL (ingress): caching permissions for `k/best` ...")
+CACHED = UNAUTHORIZED.replace(
+    _WHO, "Using cached result: b361 is unauthorized to Declare Subscriber (ingress) on k/best"
+)
+
+
+def test_what_is_said_in_advance_blames_nobody_for_the_message_of_a_session_without_rules():
+    lines = [(0.0, line) for line in (CACHING, *[UNAUTHORIZED] * 9, INTERCEPTED, UNAUTHORIZED, INTERCEPTED)]
+    assert read(*lines) == ["refused somebody who is no member: a message", "refused anna: Put on k/best"]
+
+
+def test_a_verdict_without_a_name_is_about_the_session_that_had_one():
+    lines = [(0.0, line) for line in (CACHING, *[UNAUTHORIZED] * 9, CACHED, INTERCEPTED)]
+    assert read(*lines) == ["refused anna: Declare Subscriber on k/best"]
+
+
+def test_a_message_that_may_pass_is_no_refusal_of_the_next_one():
+    lines = [(0.0, line) for line in (UNAUTHORIZED, UNAUTHORIZED.replace("unauthorized", "authorized"), INTERCEPTED)]
+    assert read(*lines) == ["refused somebody who is no member: a message"]
 
 
 def test_the_message_of_another_thread_is_not_taken_for_it():
     other = INTERCEPTED.replace("ThreadId(09)", "ThreadId(10)")
-    assert read((0.0, UNAUTHORIZED), (0.0, other)) == ["refused a message"]
+    assert read((0.0, UNAUTHORIZED), (0.0, other)) == ["refused somebody who is no member: a message"]
 
 
 def test_many_are_counted_and_said_once_a_minute():
@@ -38,7 +59,7 @@ def test_many_are_counted_and_said_once_a_minute():
 
 def test_a_name_that_shows_no_certificate():
     line = UNAUTHORIZED.replace("+CertCommonName(anna)", "")
-    assert read((0.0, line), (0.0, INTERCEPTED)) == ["refused somebody without a certificate: Put on k/best"]
+    assert read((0.0, line), (0.0, INTERCEPTED)) == ["refused somebody who is no member: Put on k/best"]
 
 
 def test_a_refused_certificate():
