@@ -111,7 +111,7 @@ def _gigabytes(attacked: Attacked) -> None:
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     while True:
         with suppress(zenoh.ZError):
-            session.put(key, huge)
+            session.put(key, huge, congestion_control=zenoh.CongestionControl.BLOCK)
         with suppress(OSError), socket.create_connection(attacked.address) as link:
             link.sendall(memoryview(huge))
 
@@ -229,14 +229,14 @@ def measure(options: argparse.Namespace) -> None:
     times = "median, ms: quiet, attacked | 95 %, ms: quiet, attacked | 95 %: attacked ÷ quiet"
     print(f"| attack | {times} | same result | a new client's first answer, ms: quiet, attacked |")
     print("|---|---:|---:|---:|---:|---:|", flush=True)
-    with authority() as folder, tempfile.TemporaryDirectory() as state:
+    with authority() as folder:
         Authority(folder).add(_GOOD, "client", ("watch", "submit"), 1.0, ())
         topology = f"torus {options.torus}"
         for name in [options.only] if options.only else ATTACKS:
+            # A new cluster each time: some attacks have an effect afterwards.
             with (
-                _cluster(
-                    folder, topology, Path(state)
-                ) as endpoint,  # a new one: some attacks have an effect afterwards
+                tempfile.TemporaryDirectory() as state,
+                _cluster(folder, topology, Path(state)) as endpoint,
                 supernode.connect(endpoint, keys=folder / _GOOD) as connected,
             ):
                 client = _Client(connected, topology, options.jobs)

@@ -39,8 +39,11 @@ LONG_ANSWER = zenoh.Priority.DATA_LOW
 # fill it still.) A thread of its own for sending would cost each exchange a change of threads.
 _LONG_QUEUE = 16  # batches; 2 by default
 # A client that does not read must not hold up the answers to others, which pass the router one after another. So the
-# router drops an answer that finds no room for half a second, and later ones for the same client at once; the client
-# asks again. Without this it waits for room, and closes the link after 5 s. Answers have the quality of their question.
+# router drops an answer of over 64 KB that finds no room for 2 s, a shorter one at once, and lets nobody wait so again
+# before the client has read something; the client asks again. Without this it waits for room, and closes the link after
+# 5 s. Answers have the quality of their question, so they could be dropped on their way to the router too: there the
+# coordinator waits as long as for others.
+_DROP = "transport/link/tx/queue/congestion_control/drop"
 _ANSWERS_ABROAD: dict[str, Any] = {
     "qos/network": [
         {
@@ -51,9 +54,10 @@ _ANSWERS_ABROAD: dict[str, Any] = {
             "overwrite": {"congestion_control": "drop"},
         }
     ],
-    "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": 500_000,  # us
+    f"{_DROP}/max_wait_before_drop_fragments": 2_000_000,  # us
     "transport/link/tx/queue/size/data": 16,  # batches of 64 KB, made when they are needed; 2 by default
 }
+_PATIENT = {f"{_DROP}/{wait}": 5_000_000 for wait in ("wait_before_drop", "max_wait_before_drop_fragments")}  # us
 _ALWAYS: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -121,6 +125,11 @@ def router(
 def client(endpoint: str, identity: Identity | None = None) -> zenoh.Session:
     """Open a session through the router at ``endpoint``. A router that is not running yet is no error."""
     return _open("client", [], [endpoint], identity)
+
+
+def answering(endpoint: str, identity: Identity | None = None) -> zenoh.Session:
+    """Open a session as `client` does, for the coordinator: what it sends waits for room on its way to the router."""
+    return _open("client", [], [endpoint], identity, _PATIENT)
 
 
 def visitor(endpoint: str, within: float, identity: Identity | None = None) -> zenoh.Session:

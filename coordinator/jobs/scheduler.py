@@ -98,11 +98,11 @@ class Scheduler:
     def queued(self) -> tuple[int, ...]:
         """The jobs that wait, the next one first."""
         in_turns = sorted(
-            (rank, self._turn(client), waiting.number)
+            (rank, self._turn(client), queue[0].number, waiting.number)
             for client, queue in self._queues.items()
             for rank, waiting in enumerate(queue)
         )
-        return tuple(number for _, _, number in in_turns)
+        return tuple(number for *_, number in in_turns)
 
     @property
     def free_nodes(self) -> int:

@@ -56,6 +56,7 @@ class Refusals:
             self._claims.pop(thread, None)
             self._in_advance[thread] = _KINDS_IN_ADVANCE
         elif _INTERCEPTED in line:
+            self._in_advance[thread] = 0
             self._count(*self._claims.pop(thread, (f"{_NOBODY}: a message", "")), now)
         elif (certificate := _CERTIFICATE.search(line)) is not None:
             self._count(f"a link: {_NUMBERS.sub('…', certificate[1])}", "", now)

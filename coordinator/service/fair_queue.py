@@ -2,13 +2,15 @@
 
 import threading
 import time
-from collections import OrderedDict, deque
+from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Generic, NamedTuple, TypeVar
 
 _Item = TypeVar("_Item")
+_OWED = 10.0  # seconds: nobody waits longer, however much time a single item took
 _SAVED = 2.0  # seconds: a client that was quiet may take its share of so long at once
+_LEAST_PAUSE = 0.001  # seconds: a shorter one may be lost to rounding
 _RECENT = 5.0  # seconds for which a client counts as one that asks
 
 
@@ -32,30 +34,40 @@ class FairQueue(Generic[_Item]):
 
     Args:
         most: how many items of one client may wait.
+        most_bytes: how many bytes they may hold; one alone may hold more.
         shares: how much processor time one client's items may take, as far as it is `charged`.
         is_limited: which clients ``shares`` holds for.
     """
 
-    def __init__(self, most: int, shares: Shares = _ALL, is_limited: Callable[[str], bool] = lambda _: True) -> None:
+    def __init__(
+        self,
+        most: int,
+        most_bytes: int = 64 << 20,
+        shares: Shares = _ALL,
+        is_limited: Callable[[str], bool] = lambda _: True,
+    ) -> None:
         self._most = most
+        self._most_bytes = most_bytes
+        self._bytes: Counter[str] = Counter()  # of the items that wait, by client
         self._shares = shares
         self._is_limited = is_limited
-        self._heard: dict[str, float] = {}  # when a client asked last, for those who did so lately
-        self._free: dict[
-            str, float
-        ] = {}  # from when on a client's items may be taken, for those who were charged lately
+        self._heard: dict[str, float] = {}  # when each client asked last, if that was lately
+        self._free_from: dict[str, float] = {}  # when each client's items may be taken again, if it was charged lately
         self._changed = threading.Condition()
-        self._waiting: OrderedDict[str, deque[_Item]] = OrderedDict()  # by client, the next one first; none is empty
+        self._waiting: OrderedDict[str, deque[tuple[_Item, int]]] = (
+            OrderedDict()
+        )  # by client, the next one first; none is empty
         self._is_closed = False
 
-    def put(self, client: str, item: _Item) -> bool:
-        """Add an item; return False, and leave it out, if too many of the client's wait already."""
+    def put(self, client: str, item: _Item, size: int = 0) -> bool:
+        """Add an item of ``size`` bytes; return False, and leave it out, if too many of the client's wait already."""
         with self._changed:
             self._heard[client] = time.monotonic()
-            waiting = self._waiting.setdefault(client, deque())
-            if len(waiting) >= self._most:
+            waiting = len(self._waiting.get(client, ()))
+            if waiting >= self._most or (waiting and self._bytes[client] + size > self._most_bytes):
                 return False
-            waiting.append(item)
+            self._waiting.setdefault(client, deque()).append((item, size))
+            self._bytes[client] += size
             self._changed.notify()
             return True
 
@@ -85,15 +97,17 @@ class FairQueue(Generic[_Item]):
         with self._changed:
             now = time.monotonic()
             self._heard = {each: at for each, at in self._heard.items() if now - at < _RECENT}
-            self._free = {each: at for each, at in self._free.items() if now - at < _SAVED}
+            self._free_from = {each: at for each, at in self._free_from.items() if now - at < _SAVED}
             share = self._shares.beside if self._heard.keys() - {client} else self._shares.alone
-            self._free[client] = max(self._free.get(client, 0.0), now - _SAVED) + seconds / share
+            free_from = max(self._free_from.get(client, 0.0), now - _SAVED) + seconds / share
+            self._free_from[client] = min(free_from, now + _OWED)
 
     def close(self) -> None:
         """Let each `take` return None; items that wait are forgotten."""
         with self._changed:
             self._is_closed = True
             self._waiting.clear()
+            self._bytes.clear()
             self._changed.notify_all()
 
     def _pause(self) -> float | None:
@@ -113,11 +127,15 @@ class FairQueue(Generic[_Item]):
 
     def _pause_of(self, client: str) -> float:
         """Return for how many seconds no item of a client may be taken."""
-        return max(0.0, self._free.get(client, 0.0) - time.monotonic())
+        pause = self._free_from.get(client, 0.0) - time.monotonic()
+        return max(pause, _LEAST_PAUSE) if pause > 0.0 else 0.0
 
     def _pop(self) -> _Item:
         client, waiting = self._waiting.popitem(last=False)
-        item = waiting.popleft()
+        item, size = waiting.popleft()
+        self._bytes[client] -= size
         if waiting:
             self._waiting[client] = waiting  # behind all others
+        else:
+            del self._bytes[client]
         return item

@@ -3,9 +3,9 @@
 Everything that matters is in the store: if the coordinator is killed at any moment, the next one continues from there.
 
 No client waits for another client's slow request, or for all of its many. One thread answers questions. A few others
-check submitted jobs, whose problems may be large. Both take the clients in turns: see
-`coordinator.service.fair_queue`. Changes of one job (updates and rewirings) are carried out one after another, beside
-those of other jobs: see `coordinator.service.lanes`.
+check submitted jobs, whose problems may be large. Both take the clients in turns, and give each a share of the time:
+see `coordinator.service.fair_queue`. Changes of one job (updates and rewirings) are carried out one after another,
+beside those of other jobs: see `coordinator.service.lanes`.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ from wire.strict import Rejected
 _SUBMITS_AT_ONCE = 8  # a problem may take a hundred times its size in memory while it is checked
 _SUBMITS = Queue("submits", 1000, 256 << 20)
 _SUBMITS_OF_ONE, _BYTES_SUBMITTED = 250, 64 << 20  # of a client with a certificate, so that it leaves room for others
-_MOST_WAITING = 2000  # requests of one client; further ones are dropped, and asked again
+_MOST_WAITING, _BYTES_WAITING = 2000, 64 << 20  # requests of one client; further ones are dropped; clients ask again
 _SHARES = Shares(alone=0.5, beside=0.1)  # of a client with a certificate, in questions, and again in submits
 _CHANGES = Queue("changes", 1000, 256 << 20)
 _CHANGES_OF_ONE, _BYTES_OF_ONE = 100, 64 << 20  # of one job, so that it leaves room for changes of others
@@ -83,7 +83,7 @@ class Options:
 def run(config: NodeConfig, options: Options, make_dispatcher: MakeJobRunner) -> None:
     """Run the coordinator until a client's `Down` or SIGTERM ends it."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
-    session = sessions.client(config.router, config.identity)
+    session = sessions.answering(config.router, config.identity)
     service = Service(session, config.keys, config.modules, options, make_dispatcher)
     signal.signal(signal.SIGTERM, lambda *_: service.stop())
     try:
@@ -117,10 +117,12 @@ class Service:
     ) -> None:
         self._session = session
         self._keys = keys
-        self._mail: FairQueue[zenoh.Query] = FairQueue(_MOST_WAITING, _SHARES, _has_a_certificate)
+        self._mail: FairQueue[zenoh.Query] = FairQueue(_MOST_WAITING, _BYTES_WAITING, _SHARES, _has_a_certificate)
         self._waiting = WaitingRoom()
         self._down = threading.Event()
-        self._submits: FairQueue[tuple[str, Callable[[], None]]] = FairQueue(_MOST_WAITING, _SHARES, _has_a_certificate)
+        self._submits: FairQueue[tuple[str, Callable[[], None]]] = FairQueue(
+            _MOST_WAITING, shares=_SHARES, is_limited=_has_a_certificate
+        )
         self._changes = Lanes()  # a lane for each job
         lines = LogLines(keys.cluster, options.log_json)
         self._store = _store_at(options.store, lines)
@@ -177,7 +179,7 @@ class Service:
     def _receive(self, query: zenoh.Query) -> None:
         """Queue a request; drop it if too many of its client wait. On Zenoh's thread."""
         client, _ = Keys.asker_of(str(query.key_expr))
-        if not self._mail.put(client, query):
+        if not self._mail.put(client, query, 0 if query.payload is None else len(query.payload)):
             query.drop()  # type: ignore[no-untyped-call]
 
     def _submit(self) -> None:

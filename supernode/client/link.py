@@ -29,6 +29,7 @@ from wire.strict import Rejected
 
 CONNECT_WITHIN = 1.8  # seconds to find a cluster; with the imports before it, `connect` fails within two seconds
 PATIENCE = 30.0  # seconds without any answer after which a cluster is given up; a restart takes less
+_ATTEMPT = 10.0  # seconds after which an answer counts as lost: the router drops those that find no room
 _AGAIN = 0.05  # seconds between two attempts
 
 
@@ -85,7 +86,8 @@ class Link:
         payload = encode(request)
         until = time.monotonic() + patience
         while True:
-            answers = await self._gather(request.right, payload, max(_AGAIN, until - time.monotonic()))
+            left = max(_AGAIN, until - time.monotonic())
+            answers = await self._gather(request.right, payload, min(left, _ATTEMPT))
             if answers:
                 return _value(answers[0])
             self.place.info()  # raises at once if the state folder says that the cluster is down

@@ -37,6 +37,11 @@ def test_what_is_said_in_advance_blames_nobody_for_the_message_of_a_session_with
     assert read(*lines) == ["refused somebody who is no member: a message", "refused anna: Put on k/best"]
 
 
+def test_what_is_not_said_in_advance_after_all_swallows_no_later_verdict():
+    lines = [(0.0, line) for line in (CACHING, INTERCEPTED, UNAUTHORIZED, INTERCEPTED)]
+    assert read(*lines) == ["refused somebody who is no member: a message", "refused anna: Put on k/best"]
+
+
 def test_a_verdict_without_a_name_is_about_the_session_that_had_one():
     lines = [(0.0, line) for line in (CACHING, *[UNAUTHORIZED] * 9, CACHED, INTERCEPTED)]
     assert read(*lines) == ["refused anna: Declare Subscriber on k/best"]

@@ -1,7 +1,7 @@
 """No client holds up another."""
 
 import threading
-import time
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -52,13 +52,15 @@ def test_nothing_is_lost_doubled_or_reordered_for_a_client(items):
 
 @pytest.fixture
 def now(monkeypatch):
-    time = [100.0]
-    monkeypatch.setattr("coordinator.service.fair_queue.time.monotonic", lambda: time[0])
-    return time
+    """The time on the clock, and the processor time of the thread."""
+    clock = [100.0, 0.0]
+    fake = SimpleNamespace(monotonic=lambda: clock[0], thread_time=lambda: clock[1])
+    monkeypatch.setattr("coordinator.service.fair_queue.time", fake)
+    return clock
 
 
 def limited():
-    return FairQueue(100, Shares(alone=0.5, beside=0.1), lambda client: client != "trusted")
+    return FairQueue(100, shares=Shares(alone=0.5, beside=0.1), is_limited=lambda client: client != "trusted")
 
 
 def test_who_has_used_up_its_share_waits_and_others_do_not(now):
@@ -91,11 +93,29 @@ def test_a_share_is_larger_while_nobody_else_asks(now):
     assert queue.take() == 2
 
 
-def test_what_a_thread_does_is_charged():
-    queue, began = limited(), time.thread_time()
+def test_nobody_waits_longer_than_ten_seconds(now):
+    queue = limited()
+    queue.charge("one", 1000.0)
+    queue.put("one", 1)
+    now[0] += 10.01
+    assert queue.take() == 1
+
+
+def test_so_many_bytes_of_a_client_may_wait_but_one_item_of_any_size():
+    queue = FairQueue(10, 100)
+    assert queue.put("one", 1, 1000)
+    assert not queue.put("one", 2, 1)
+    assert queue.put("other", 3, 60)
+    assert not queue.put("other", 4, 41)
+    assert drain(queue, 2) == [1, 3]
+    assert queue.put("one", 5, 60)
+    assert queue.put("one", 6, 40)
+
+
+def test_what_a_thread_does_is_charged(now):
+    queue = limited()
     with queue.charged("one"):
-        while time.thread_time() < began + 1.1:
-            pass
+        now[1] += 1.1
     queue.put("one", 1)
     queue.put("other", 2)
     assert queue.take() == 2, "1.1 s at a share of a half are more than was saved"
