@@ -43,7 +43,7 @@ _LOGGED_AS = {
     "live": "Liveliness Token",
     "watch": "Declare Liveliness Subscriber",
 }
-"""What Zenoh's log calls each kind of message."""
+"""The name of each kind of message in Zenoh's log."""
 _WITHIN, _NOT_WITHIN, _PAUSE = 5.0, 0.5, 0.02  # seconds
 _COORDINATOR, _SPY, _NODE = {"coordinator"}, {"spy"}, {"node"}
 _CLIENTS = {"client", "watcher", "dashboard"}

@@ -30,6 +30,7 @@ import zenoh
 
 import supernode
 from benchmarks.access_matrix import authority
+from benchmarks.service import up
 from supernode.deploy.addresses import free_port
 from supernode.files.authority import Authority
 from wire import sessions
@@ -47,7 +48,7 @@ _FILES = 20_000  # descriptors of an attacker
 
 
 class Attacked(NamedTuple):
-    """What an attacker has: the endpoint, the folder of keys, and the cluster's keys of messages."""
+    """An attacker's means: the endpoint, the folder of keys, and the cluster's keys of messages."""
 
     endpoint: str
     folder: Path
@@ -65,9 +66,9 @@ class Attacked(NamedTuple):
 
 
 def _stranger(attacked: Attacked) -> None:
-    """Handshakes without a certificate, and bytes that are none."""
+    """Shake hands without a certificate, and send bytes that are no handshake."""
     context = ssl.create_default_context()
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # it has no reason to check
     while True:
         with suppress(OSError), socket.create_connection(attacked.address) as link:
             link.sendall(os.urandom(4096))
@@ -79,7 +80,7 @@ def _refused(name: str) -> Callable[[Attacked], None]:
     """Return an attack by somebody whose certificate is none of the cluster's members."""
 
     def attack(attacked: Attacked) -> None:
-        """Tries to open sessions, without end."""
+        """Try to open sessions, without end."""
         while True:
             with suppress(zenoh.ZError):
                 sessions.visitor(attacked.endpoint, 0.5, Identity.read(attacked.folder / name)).close()  # type: ignore[no-untyped-call]
@@ -91,7 +92,7 @@ def _forger(name: str) -> Callable[[Attacked], None]:
     """Return an attack by a member that may not do what it does."""
 
     def attack(attacked: Attacked) -> None:
-        """Publishes and asks under keys of others, as fast as it can."""
+        """Publish and ask under keys of others, as fast as possible."""
         keys, session = attacked.keys, attacked.session(name)
         forged = [keys.best, keys.state, keys.spy, keys.node(3), f"{keys.node(3)}/out", keys.requests(_GOOD, "down")]
         while True:
@@ -104,11 +105,9 @@ def _forger(name: str) -> Callable[[Attacked], None]:
 
 
 def _gigabytes(attacked: Attacked) -> None:
-    """Sends messages of 1 GiB, in the cluster's protocol and as bytes before any."""
-    member, session = "client", attacked.session("client")
-    key, huge = attacked.keys.requests(member, "submit"), bytes(1 << 30)
-    context = ssl.create_default_context()
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    """Send messages of 1 GiB, in the cluster's protocol and as bytes before any."""
+    session = attacked.session("client")
+    key, huge = attacked.keys.requests("client", "submit"), bytes(1 << 30)
     while True:
         with suppress(zenoh.ZError):
             session.put(key, huge, congestion_control=zenoh.CongestionControl.BLOCK)
@@ -117,7 +116,7 @@ def _gigabytes(attacked: Attacked) -> None:
 
 
 def _connections(attacked: Attacked) -> None:
-    """Holds 10,000 connections, and opens anew what is closed."""
+    """Hold 10,000 connections, and open anew what is closed."""
     resource.setrlimit(resource.RLIMIT_NOFILE, (_FILES, _FILES))
     kept: list[socket.socket] = []
     while True:
@@ -128,7 +127,7 @@ def _connections(attacked: Attacked) -> None:
 
 
 def _slow_readers(attacked: Attacked) -> None:
-    """Twenty clients ask for more than their links hold, and then do not read: the process stops."""
+    """Ask as twenty clients for more than their links hold, and then do not read: stop the process."""
     for _ in range(20):
         session = attacked.session("client")
         for key in (attacked.keys.best, attacked.keys.state, attacked.keys.log):
@@ -144,7 +143,7 @@ def _slow_readers(attacked: Attacked) -> None:
 
 
 def _submits(attacked: Attacked) -> None:
-    """One client submits jobs as fast as four threads can."""
+    """Submit jobs as one client, as fast as four threads can."""
 
     def submit(first: int) -> None:
         problem = supernode.load(_FILE)
@@ -195,21 +194,6 @@ class _Client:
 
 
 @contextmanager
-def _cluster(folder: Path, topology: str, state: Path) -> Iterator[str]:
-    """Run a cluster while the context is open; yield its endpoint."""
-    endpoint = f"tls/127.0.0.1:{free_port()}"
-    words = ["up", "--topology", topology, "--state", str(state), "--keys", str(folder), "--listen", endpoint]
-    with subprocess.Popen([sys.executable, "-m", "supernode", *words], stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            process.stdout.readline()
-            yield endpoint
-        finally:
-            process.terminate()
-            process.wait()
-
-
-@contextmanager
 def _under(name: str, endpoint: str, folder: Path) -> Iterator[None]:
     """Attack while the context is open."""
     words = ["--attack", name, "--connect", endpoint, "--keys", str(folder)]
@@ -234,9 +218,10 @@ def measure(options: argparse.Namespace) -> None:
         topology = f"torus {options.torus}"
         for name in [options.only] if options.only else ATTACKS:
             # A new cluster each time: some attacks have an effect afterwards.
+            endpoint = f"tls/127.0.0.1:{free_port()}"
             with (
                 tempfile.TemporaryDirectory() as state,
-                _cluster(folder, topology, Path(state)) as endpoint,
+                up(Path(state), topology, "--keys", str(folder), "--listen", endpoint),
                 supernode.connect(endpoint, keys=folder / _GOOD) as connected,
             ):
                 client = _Client(connected, topology, options.jobs)

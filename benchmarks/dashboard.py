@@ -147,7 +147,7 @@ class _Bench:
     def __enter__(self) -> "_Bench":
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-            self._up = stack.enter_context(up(folder, self._topology, None))
+            self._up = stack.enter_context(up(folder, self._topology))
             self._info = read_info(folder)
             self._job = _submitted(folder, self._topology)
             self._listen(self._info, stack)

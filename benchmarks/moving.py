@@ -101,7 +101,7 @@ def _service(topology: str) -> Iterator[tuple[Client, int]]:
     """Start a cluster; yield a client of it and the process id of `supernode up`."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        up(Path(folder), topology, None) as process,
+        up(Path(folder), topology) as process,
         supernode.connect(folder) as client,
     ):
         yield client, process

@@ -105,7 +105,8 @@ def show(measured: Measured) -> None:
 
 def measure(jobs: int, settled: int, deadlines: int, topology: str, database: str | None = None) -> Measured:
     """Start a cluster and submit jobs; measure its processes after ``settled`` jobs and at the end."""
-    with tempfile.TemporaryDirectory() as folder, up(Path(folder), topology, database) as process:
+    words = () if database is None else ("--database", database)
+    with tempfile.TemporaryDirectory() as folder, up(Path(folder), topology, *words) as process:
         with supernode.connect(folder) as client:
             row = _Row(client, Path(folder), topology)
             row.submit(0, settled)
@@ -173,10 +174,9 @@ class _Row:
 
 
 @contextmanager
-def up(folder: Path, topology: str, database: str | None) -> Iterator[int]:
-    """Run `supernode up` while the context is open; yield its process id when it is ready."""
-    command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(folder)]
-    command += [] if database is None else ["--database", database]
+def up(folder: Path, topology: str, *words: str) -> Iterator[int]:
+    """Run `supernode up` with further words while the context is open; yield its process id when it is ready."""
+    command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(folder), *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None

@@ -26,7 +26,6 @@ ROOMS = {  # of a package with more modules than a reader can survey; a module b
         "cpu_time": 0,
         "errors": 0,
         "log_lines": 0,
-        "rate_limit": 0,
         "threads": 0,
         "jobs": 1,
         "store": 2,

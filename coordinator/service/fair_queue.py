@@ -54,9 +54,8 @@ class FairQueue(Generic[_Item]):
         self._heard: dict[str, float] = {}  # when each client asked last, if that was lately
         self._free_from: dict[str, float] = {}  # when each client's items may be taken again, if it was charged lately
         self._changed = threading.Condition()
-        self._waiting: OrderedDict[str, deque[tuple[_Item, int]]] = (
-            OrderedDict()
-        )  # by client, the next one first; none is empty
+        # By client, the next one first, their items and these items' sizes; none is empty.
+        self._waiting: OrderedDict[str, deque[tuple[_Item, int]]] = OrderedDict()
         self._is_closed = False
 
     def put(self, client: str, item: _Item, size: int = 0) -> bool:

@@ -127,10 +127,9 @@ class Link:
         Raises:
             ClusterFailed: if none is there in time, or several are and none of them is the one that is meant.
         """
+        question = encode(Status())
         while True:
-            answers = await self._gather(
-                Status.right, encode(Status()), PATIENCE
-            )  # returns at once if no coordinator is there
+            answers = await self._gather(Status.right, question, PATIENCE)  # at once if no coordinator is there
             names = sorted({str(_value(answer)["cluster"]) for answer in answers})
             if len(names) == 1:
                 return names[0]

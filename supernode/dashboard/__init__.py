@@ -8,8 +8,7 @@ answers what the scripts ask for, from what all requests share (`shared`). `stre
 draws pictures of solutions, or has `animations` describe how they move.
 
 Every request passes `guard` before anything else sees it. `tokens` reads who may visit, `credentials` tells what a
-visitor may do, `login` logs browsers in and out, and `limits` tells the address by which
-visitors are limited.
+visitor may do, `login` logs browsers in and out, and `limits` counts how often an address does something.
 
 `keeper` belongs to the process that starts the dashboard, `supernode up` or `supernode solve`. The dashboard's own
 process begins in `__main__`, and `ending` ends it in order.

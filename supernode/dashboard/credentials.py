@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 
-from coordinator.rate_limit import Limit
+from supernode.dashboard.limits import Limit
 from supernode.dashboard.tokens import Access
 
 _COOKIE = "supernode_session"  # the port that the browser sees is appended: a host's ports share their cookies

@@ -16,9 +16,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from coordinator.rate_limit import Limit
 from supernode.dashboard.credentials import Credentials, TooManyGuessesError, cookie_in
-from supernode.dashboard.limits import subscriber
+from supernode.dashboard.limits import Limit, subscriber
 from supernode.dashboard.listen_address import ListenAddress
 from supernode.dashboard.login import LOGIN, LOGOUT, login_address, retry_after, too_many_words
 from supernode.dashboard.tokens import Access

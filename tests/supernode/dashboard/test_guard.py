@@ -6,8 +6,8 @@ from urllib.parse import quote
 import pytest
 from live_service import until
 
-from coordinator.rate_limit import Limit
 from supernode.dashboard import data, guard, parsing
+from supernode.dashboard.limits import Limit
 
 TOKEN, READER = "s3cret-s3cret-s3cret", "reader-reader-reader"
 TOKENS = {TOKEN: "full", READER: "read"}

@@ -4,9 +4,9 @@ from http.cookies import SimpleCookie
 
 import pytest
 
-from coordinator.rate_limit import Limit
 from supernode.dashboard import credentials
 from supernode.dashboard.credentials import Credentials
+from supernode.dashboard.limits import Limit
 
 TOKEN, READER = "s3cret-s3cret-s3cret", "reader-reader-reader"
 TOKENS = {TOKEN: "full", READER: "read"}
