@@ -2,6 +2,7 @@
 
 import contextlib
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -185,7 +186,8 @@ def test_strangers_find_no_cluster(capsys, cluster, endpoint, keys, tmp_path):
     )
     until(lambda: "refused a link: invalid peer certificate: UnknownIssuer" in Path(cluster.log).read_text())
     shutil.copytree(keys, expired)
-    Authority(expired).renew("client", 1e-6)
+    until_then = datetime.fromisoformat(Authority(expired).renew("client", 1e-6).expires)
+    until(lambda: datetime.now(UTC) > until_then)
     code, _, err = run(capsys, "jobs", "--connect", endpoint, "--keys", expired)
     assert code == 2
     assert "expired on 20" in err
