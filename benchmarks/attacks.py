@@ -45,6 +45,7 @@ _WITHIN = 60.0  # seconds
 _TRIES = 10  # of a new client
 _WARM = 2.0  # seconds from an attack's beginning until the client is measured
 _FILES = 20_000  # descriptors of an attacker
+_LIMITED = "a flood of submits, half of the nodes for each client"
 
 
 class Attacked(NamedTuple):
@@ -170,6 +171,7 @@ ATTACKS: dict[str, Callable[[Attacked], None]] = {
     "10,000 connections": _connections,
     "20 slow readers": _slow_readers,
     "a flood of submits": _submits,
+    _LIMITED: _submits,
 }
 
 
@@ -221,7 +223,7 @@ def measure(options: argparse.Namespace) -> None:
             endpoint = f"tls/127.0.0.1:{free_port()}"
             with (
                 tempfile.TemporaryDirectory() as state,
-                up(Path(state), topology, "--keys", str(folder), "--listen", endpoint),
+                up(Path(state), *_cluster(name, options.torus), "--keys", str(folder), "--listen", endpoint),
                 supernode.connect(endpoint, keys=folder / _GOOD) as connected,
             ):
                 client = _Client(connected, topology, options.jobs)
@@ -232,6 +234,14 @@ def measure(options: argparse.Namespace) -> None:
                     attacked, same = client.turn()
                     news.append(_new_client(endpoint, folder))
                 print(f"{_row(name, quiet, attacked, same)} {', '.join(news)} |", flush=True)
+
+
+def _cluster(attack: str, torus: str) -> list[str]:
+    """Return the topology of the cluster that is attacked, and its options: nodes for one job, or for one of each."""
+    if attack != _LIMITED:
+        return [f"torus {torus}"]
+    rows, columns = (int(each) for each in torus.split("x"))
+    return [f"torus {2 * rows}x{columns}", "--client-nodes", str(rows * columns)]
 
 
 def _new_client(endpoint: str, folder: Path) -> str:

@@ -86,7 +86,10 @@ PURE = [
     *(path for path in MODULES if path.relative_to(ROOT).parts[0] in ("topologies", "genetics")),
     *(ROOT / "node" / f"{name}.py" for name in ("cell", "events", "plan", "stimuli")),
     *(ROOT / "node" / "engine").glob("*.py"),
-    *(ROOT / "coordinator" / "jobs" / f"{name}.py" for name in ("scheduler", "states")),
+    *(
+        ROOT / "coordinator" / "jobs" / f"{name}.py"
+        for name in ("client_limits", "client_queues", "scheduler", "states")
+    ),
 ]
 # What only lowlevel/ may use: modules, and names of private parts of numba, CPython and Linux.
 LOW_LEVEL_MODULES = {"ctypes", "llvmlite"}

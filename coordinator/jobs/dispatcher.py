@@ -19,6 +19,7 @@ import topologies
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.alarms import Alarms
 from coordinator.jobs.calls import tell
+from coordinator.jobs.client_limits import NO_LIMITS, ClientLimits
 from coordinator.jobs.conductor import Conductor
 from coordinator.jobs.growing import Growing
 from coordinator.jobs.hooks import Hooks, NoHooks
@@ -53,7 +54,7 @@ class Dispatcher:
         replaces: whether dead processes are replaced.
         checked: whether problems are checked before they are submitted.
         eval_timeout: how many seconds an evaluation may go on once its job is stopped.
-        max_queue: how many jobs may wait; None for any number.
+        limits: what each client may take.
         first_wiring: a wiring number that these nodes have not had yet.
         expected: for a cluster whose nodes `join`, the least number of nodes expected; ``topology`` is unused then.
 
@@ -75,7 +76,7 @@ class Dispatcher:
         replaces: bool = False,
         checked: bool = False,
         eval_timeout: float = EVAL_TIMEOUT,
-        max_queue: int | None = None,
+        limits: ClientLimits = NO_LIMITS,
         first_wiring: int = 1,
         expected: int | None = None,
     ) -> None:
@@ -96,7 +97,7 @@ class Dispatcher:
         self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node, its latest links; none of a replaced node
         nodes = () if expected is not None else tuple(range(topologies.parse(topology).cells))
         self._scheduler = Scheduler(
-            expected or len(nodes), max_queue, joining=expected is not None, place_of=self._node_hosts.place_of
+            expected or len(nodes), limits, joining=expected is not None, place_of=self._node_hosts.place_of
         )
         if wired and nodes:
             self._scheduler.wired(nodes, topology)
@@ -142,7 +143,7 @@ class Dispatcher:
             topology = placement.file.run.topology
             # First: its links may be open still.
             wiring = self._node_hosts.taken_over(placement.wiring, placement.nodes)
-            self._scheduler.occupy(spec.number, placement.nodes, topology)
+            self._scheduler.occupy(spec.number, placement.nodes, topology, spec.client)
             self._note(topology, wiring)
             self.jobs[spec.number] = job
         self._set_deadline(spec)

@@ -1,8 +1,8 @@
 """Decide which job runs next, and on which nodes: a queue and the free nodes, without any input, output or clock.
 
 A job starts when it is at the head of the queue and enough nodes are free. A job that does not fit yet holds back those
-behind it: otherwise small jobs could overtake a large one for ever. Clients take turns: the next job is that of the
-client whose latest job has started the longest ago, and of its jobs the one with the highest priority.
+behind it: otherwise small jobs could overtake a large one for ever. Clients take turns (`client_queues`); one whose
+jobs have as many nodes as it may have is passed over.
 
 Free nodes that are wired for the same topology already are preferred, since they need no new links; otherwise those
 whose wiring has been out of use the longest. Nodes on several hosts are chosen on few of them, and each host gets a
@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 import topologies
 from coordinator.jobs.blocks import fewest_hosts, host_of_cells
+from coordinator.jobs.client_limits import NO_LIMITS, ClientLimits
+from coordinator.jobs.client_queues import ClientQueues, Waiting
 from problems.errors import BadInput
 from topologies.topology import Topology
 
@@ -26,7 +28,7 @@ class QueueFull(RuntimeError):  # noqa: N818
 
 
 class TooLarge(BadInput):
-    """The job asks for more cells than the cluster has nodes; the message names both figures."""
+    """The job asks for more cells than the cluster has nodes, or one client may have; the message has both figures."""
 
 
 class Placed(NamedTuple):
@@ -34,15 +36,6 @@ class Placed(NamedTuple):
 
     number: int
     nodes: tuple[int, ...]
-
-
-class _Waiting(NamedTuple):
-    """A job in the queue; the order of these tuples is that of one client's jobs."""
-
-    behind: int  # the negative priority
-    number: int
-    cells: int
-    topology: str
 
 
 class _Wiring(NamedTuple):
@@ -53,7 +46,6 @@ class _Wiring(NamedTuple):
     nodes: tuple[int, ...]
 
 
-_CLIENTS_KEPT = 1000  # without keys anybody can make up names
 _UNWIRED = _Wiring(-1, "", ())
 
 
@@ -62,7 +54,7 @@ class Scheduler:
 
     Args:
         nodes: the number of nodes, numbered from 0; or, if they are still to `join`, the least number expected.
-        max_queue: how many jobs of one client may wait for nodes; None for any number.
+        limits: what each client may take.
         joining: whether the nodes are still to join.
         place_of: where a node's host is, such as ``block/rack/host``; see `coordinator.jobs.blocks`.
     """
@@ -70,7 +62,7 @@ class Scheduler:
     def __init__(
         self,
         nodes: int,
-        max_queue: int | None = None,
+        limits: ClientLimits = NO_LIMITS,
         *,
         joining: bool = False,
         place_of: Callable[[int], str] = lambda _: "",
@@ -78,11 +70,10 @@ class Scheduler:
         self._place_of = place_of
         self._expected = nodes
         self._here = set() if joining else set(range(nodes))
-        self.max_queue = max_queue
-        self._queues: dict[str, list[_Waiting]] = {}  # by client, sorted; none is empty
-        self._turns: dict[str, int] = {}  # by client, when its latest job started; the oldest first
-        self._starts = itertools.count()
+        self._limits = limits
+        self._queues = ClientQueues()
         self._busy: dict[int, tuple[int, ...]] = {}  # job to nodes, also to nodes that have left
+        self._clients: dict[int, str] = {}  # job that has nodes to its client
         self._free = set(self._here)  # the nodes that are here and busy with no job
         self._leaving: set[int] = set()  # nodes that no further job gets, and whose cells move away
         self._away: set[int] = set()  # nodes out of reach, which no further job gets either
@@ -97,12 +88,7 @@ class Scheduler:
     @property
     def queued(self) -> tuple[int, ...]:
         """The jobs that wait, the next one first."""
-        in_turns = sorted(
-            (rank, self._turn(client), queue[0].number, waiting.number)
-            for client, queue in self._queues.items()
-            for rank, waiting in enumerate(queue)
-        )
-        return tuple(number for *_, number in in_turns)
+        return self._queues.numbers
 
     @property
     def free_nodes(self) -> int:
@@ -148,61 +134,46 @@ class Scheduler:
         assert number not in self.queued, f"job {number} is queued already"
         if cells > self.nodes:
             raise TooLarge(f"the job asks for {cells} cells ({topology_spec}), the cluster has {self.nodes} nodes")
-        waiting = _Waiting(-priority, number, cells, topology_spec)
-        queue = self._queues.get(client, [])
-        full = self.max_queue is not None and len(queue) >= self.max_queue
-        self._queues[client] = sorted([*queue, waiting])
+        if self._limits.nodes is not None and cells > self._limits.nodes:
+            most = f"one client may have {self._limits.nodes} nodes"
+            raise TooLarge(f"the job asks for {cells} cells ({topology_spec}), {most}")
+        waiting = Waiting(-priority, number, cells, topology_spec)
+        others = self._queues.waiting(client)
+        full = self._limits.waiting is not None and others >= self._limits.waiting
+        self._queues.add(client, waiting)
         starts_at_once = self._next() == (client, waiting) and cells <= len(self._free)
         if full and not starts_at_once and not accepted_before:
             self.remove(number)
-            raise QueueFull(f"the queue is full: {len(queue)} jobs wait, at most {self.max_queue} may")
+            raise QueueFull(f"the queue is full: {others} jobs wait, at most {self._limits.waiting} may")
 
     def remove(self, number: int) -> bool:
         """Take a job out of the queue; return whether it was in it."""
-        for client, queue in self._queues.items():
-            left = [waiting for waiting in queue if waiting.number != number]
-            if len(left) < len(queue):
-                self._set(client, left)
-                return True
-        return False
+        return self._queues.remove(number)
 
-    def _set(self, client: str, queue: list[_Waiting]) -> None:
-        if queue:
-            self._queues[client] = queue
-        else:
-            del self._queues[client]
+    def _next(self) -> tuple[str, Waiting] | None:
+        """Return the job that starts next, with its client; None if none waits whose client may have its nodes."""
+        return self._queues.next(self._room)
 
-    def _next(self) -> tuple[str, _Waiting] | None:
-        """Return the job that starts next, with its client; None if none waits."""
-        if not self._queues:
-            return None
-        client = min(self._queues, key=lambda each: (self._turn(each), self._queues[each][0].number))
-        return client, self._queues[client][0]
-
-    def _turn(self, client: str) -> int:
-        """Return when a client's latest job started: numbers that rise with time, -1 for never."""
-        return self._turns.get(client, -1)
+    def _room(self, client: str) -> int:
+        """Return how many free nodes a client's jobs may still have."""
+        if self._limits.nodes is None:
+            return len(self._here)
+        return self._limits.nodes - sum(len(self._busy[job]) for job, its in self._clients.items() if its == client)
 
     def start(self) -> list[Placed]:
         """Give nodes to the jobs that may start now, in the order of the queue, and return them."""
         placed = []
         while (found := self._next()) is not None and found[1].cells <= len(self._free):
             client, waiting = found
-            self._note_turn(client)
-            self._set(client, self._queues[client][1:])
+            self._queues.take(client)
             nodes = self._choose(waiting.cells, waiting.topology)
-            self._take(waiting.number, nodes, waiting.topology)
+            self._take(waiting.number, nodes, waiting.topology, client)
             placed.append(Placed(waiting.number, nodes))
         return placed
 
-    def _note_turn(self, client: str) -> None:
-        self._turns.pop(client, None)  # so that it becomes the latest
-        self._turns[client] = next(self._starts)
-        if len(self._turns) > _CLIENTS_KEPT:
-            del self._turns[next(iter(self._turns))]
-
     def free(self, number: int) -> None:
         """Free the nodes of a job that has ended; they stay wired as they are. Harmless if the job has none."""
+        self._clients.pop(number, None)
         self._free.update(self._here.intersection(self._busy.pop(number, ())) - self._leaving - self._away)
 
     def join(self, nodes: Iterable[int]) -> None:
@@ -265,9 +236,12 @@ class Scheduler:
         own = self._busy.get(number, ())
         wiring = self._wired.get(own[0]) if own else None
         topology = None if wiring is None else topologies.parse(wiring.topology)
-        if self._queues or not isinstance(topology, topologies.Torus) or len(self._free) < topology.columns:
+        if self._next() is not None or not isinstance(topology, topologies.Torus):
             return None
-        new = self._nearest(own, len(self._free) // topology.columns * topology.columns)
+        most = min(len(self._free), self._room(self._clients[number]))
+        if most < topology.columns:
+            return None
+        new = self._nearest(own, most // topology.columns * topology.columns)
         self._free.difference_update(new)
         self._busy[number] = own + tuple(new)
         return self._busy[number]
@@ -279,13 +253,14 @@ class Scheduler:
             :count
         ]
 
-    def occupy(self, number: int, nodes: Iterable[int], topology_spec: str | None = None) -> None:
+    def occupy(self, number: int, nodes: Iterable[int], topology_spec: str | None = None, client: str = "") -> None:
         """Note a job that was found running on these nodes.
 
         Args:
             number: the job's number.
             nodes: its nodes, in the order of its cells.
             topology_spec: how they are linked; None if that is not known.
+            client: the name of its client.
 
         Raises:
             ValueError: if a node does not exist, or another job has it.
@@ -293,7 +268,7 @@ class Scheduler:
         nodes = tuple(nodes)
         if not self._free.issuperset(nodes) or len(set(nodes)) < len(nodes):
             raise ValueError(f"job {number} cannot have the nodes {nodes}: they are not all free")
-        self._take(number, nodes, topology_spec)
+        self._take(number, nodes, topology_spec, client)
 
     def wired(self, nodes: Iterable[int], topology_spec: str) -> None:
         """Note that these nodes, free or busy, are linked in this order as a topology."""
@@ -310,9 +285,9 @@ class Scheduler:
         """Note that a node has a new process, which has no links yet."""
         self._wired.pop(node, None)
 
-    def _take(self, number: int, nodes: tuple[int, ...], topology: str | None) -> None:
+    def _take(self, number: int, nodes: tuple[int, ...], topology: str | None, client: str) -> None:
         self._free.difference_update(nodes)
-        self._busy[number] = nodes
+        self._busy[number], self._clients[number] = nodes, client
         self._wire(nodes, topology)
 
     def _wire(self, nodes: tuple[int, ...], topology: str | None) -> None:

@@ -41,7 +41,8 @@ class ServiceOptions:
         state: the folder of its database. If None, the database is in the folder of the sockets and gone at the end.
         database: the URL of the database, instead of a file in ``state``.
         listen: further endpoints for the router to listen at.
-        max_queue: how many jobs may wait; None for any number.
+        max_queue: how many jobs of a client may wait; None for any number.
+        client_nodes: how many nodes the running jobs of a client may have together; None for any number.
         log_json: see `coordinator.service.process.Options`.
         keep_days, keep_records: see `coordinator.store.record_book.Keep`.
         allow_modules: users' modules whose problems may be run.
@@ -59,6 +60,7 @@ class ServiceOptions:
     database: str | None = None
     listen: tuple[str, ...] = ()
     max_queue: int | None = None
+    client_nodes: int | None = None
     log_json: bool | None = None
     keep_days: float = 30.0
     keep_records: int = 1_000_000

@@ -9,6 +9,7 @@ from typing import Any
 
 import zenoh
 
+from coordinator.jobs.client_limits import ClientLimits
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.job import JobEntry, JobSpec, Moved, Placement
 from coordinator.jobs.running import EVAL_TIMEOUT
@@ -24,12 +25,12 @@ from wire.seal import Seal
 _FOUND_WITHIN, _LOOK_AGAIN = 2.0, 0.02  # seconds; a running host finds a restarted router in a fifth of one
 
 
-def preside(config: NodeConfig, options: Options, max_queue: int | None) -> None:
+def preside(config: NodeConfig, options: Options, limits: ClientLimits) -> None:
     """Run the coordinator until a client or SIGTERM ends it; at least ``options.nodes`` nodes are expected."""
     make_dispatcher = partial(
         JoinedDispatcher,
         seal=Seal(config.secret),
-        max_queue=max_queue,
+        limits=limits,
         most_nodes=options.most_nodes,
         eval_timeout=options.eval_timeout,
         host_timeout=options.host_timeout,
@@ -48,12 +49,12 @@ class JoinedDispatcher(ServiceDispatcher):
         hooks: Hooks,
         *,
         seal: Seal,
-        max_queue: int | None,
+        limits: ClientLimits,
         most_nodes: int | None = None,
         eval_timeout: float = EVAL_TIMEOUT,
         host_timeout: float = HOST_TIMEOUT,
     ) -> None:
-        super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes, eval_timeout=eval_timeout)
+        super().__init__(session, keys, seal, hooks, limits=limits, expected=nodes, eval_timeout=eval_timeout)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._host_timeout = host_timeout
         callbacks = self._came, self._went, self._leave, self._drain, self._complain

@@ -8,6 +8,7 @@ from typing import Any
 import zenoh
 
 import topologies
+from coordinator.jobs.client_limits import ClientLimits
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.process import Options, run
@@ -37,7 +38,7 @@ def coordinate(config: NodeConfig, options: Mapping[str, Any], first: bool) -> N
         seal=seal,
         topology=config.topology,
         wired=first,
-        max_queue=options["max_queue"],
+        limits=ClientLimits(options["max_queue"], options["client_nodes"]),
         eval_timeout=options["eval_timeout"] or EVAL_TIMEOUT,
     )
     keep = Keep(options["keep_days"], options["keep_records"])
@@ -60,12 +61,12 @@ class LaunchedDispatcher(ServiceDispatcher):
         seal: Seal,
         topology: str,
         wired: bool,
-        max_queue: int | None,
+        limits: ClientLimits,
         eval_timeout: float,
     ) -> None:
         assert nodes == topologies.parse(topology).cells
         super().__init__(
-            session, keys, seal, hooks, topology=topology, wired=wired, max_queue=max_queue, eval_timeout=eval_timeout
+            session, keys, seal, hooks, topology=topology, wired=wired, limits=limits, eval_timeout=eval_timeout
         )
         # A node that this coordinator sees for the first time may have been cut off while the one before was replaced.
         self._roster = Roster(

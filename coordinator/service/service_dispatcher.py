@@ -14,6 +14,7 @@ import zenoh
 import topologies
 from coordinator.jobs.blocks import edges_between
 from coordinator.jobs.calls import tell
+from coordinator.jobs.client_limits import ClientLimits
 from coordinator.jobs.dispatcher import Dispatcher
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.running import EVAL_TIMEOUT
@@ -36,7 +37,7 @@ class ServiceDispatcher(Dispatcher):
         hooks: called with everything that happens.
         topology: the topology of the nodes, unless they join.
         wired: whether the nodes have the links of that topology.
-        max_queue: how many jobs may wait; None for any number.
+        limits: what each client may take.
         expected: for a cluster whose nodes join, the least number of nodes expected.
         eval_timeout: how many seconds an evaluation may go on once its job is stopped.
     """
@@ -52,7 +53,7 @@ class ServiceDispatcher(Dispatcher):
         *,
         topology: str = "",
         wired: bool = False,
-        max_queue: int | None,
+        limits: ClientLimits,
         expected: int | None = None,
         eval_timeout: float = EVAL_TIMEOUT,
     ) -> None:
@@ -69,7 +70,7 @@ class ServiceDispatcher(Dispatcher):
             cpu_seconds=self._cpu_seconds,
             replaces=True,
             checked=True,  # by the request handler
-            max_queue=max_queue,
+            limits=limits,
             # Milliseconds since 1970: higher than all numbers of the coordinator before, which did not make a wiring
             # each millisecond. A number given twice would let nodes keep links that they should replace.
             first_wiring=self.began,

@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "state", "the folder that keeps the jobs (the user's default one)", metavar="DIR")
     add_option(parser, "database", "keep the jobs in this database, not in a file in the state folder", metavar="URL")
     add_option(parser, "max-queue", "refuse a client's jobs when this many of its wait (no limit)", metavar="N")
+    add_option(parser, "client-nodes", "let the jobs of a client have at most N nodes together (no limit)", metavar="N")
     add_log_json(parser)
     add_option(parser, "keep-days", "delete ended jobs and records that are older (30)", metavar="D", default="30")
     add_option(parser, "keep-records", "keep only the newest N of each kind (1000000)", metavar="N", default="1000000")
@@ -47,6 +48,7 @@ def run(options: argparse.Namespace) -> int:
     from problems.errors import BadInput
 
     max_queue = None if options.max_queue is None else number_of(options, "max_queue", 0)
+    client_nodes = None if options.client_nodes is None else number_of(options, "client_nodes")
     most_nodes = None if options.max_nodes is None else number_of(options, "max_nodes")
     if most_nodes is not None and most_nodes < nodes:
         raise BadInput(f"--max-nodes: expected at least --nodes, {nodes}, found {most_nodes}")
@@ -58,6 +60,7 @@ def run(options: argparse.Namespace) -> int:
     prepare_process()
     from pathlib import Path
 
+    from coordinator.jobs.client_limits import ClientLimits
     from coordinator.jobs.running import EVAL_TIMEOUT
     from coordinator.launch.imports import import_all
     from coordinator.service.host_book import HOST_TIMEOUT
@@ -73,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     unprotected = (router,) if is_plain_abroad(router) else ()
     how = Options(nodes, database, keep, options.log_json, *limits, host_timeout=host_timeout, unprotected=unprotected)
     config = NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options), identity=identity)
-    preside(config, how, max_queue)
+    preside(config, how, ClientLimits(max_queue, client_nodes))
     return exits.OK
 
 

@@ -52,6 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-queue", metavar="N", type=whole, help="refuse a client's jobs when this many of its wait (no limit)"
     )
+    parser.add_argument(
+        "--client-nodes",
+        metavar="N",
+        type=whole,
+        help="let the jobs of one client have at most N nodes together (no limit)",
+    )
     add_log_json(parser)
     parser.add_argument(
         "--keep-days", metavar="D", type=float, default=30.0, help="delete ended jobs and records that are older (30)"

@@ -73,6 +73,8 @@ def _options(service: ServiceOptions) -> list[str]:
         raise BadInput(f"--keep-days: expected whole days with --on, found {service.keep_days:g}")
     keep = ["--keep-days", str(int(service.keep_days)), "--keep-records", str(service.keep_records)]
     queue = [] if service.max_queue is None else ["--max-queue", str(service.max_queue)]
+    if service.client_nodes is not None:
+        queue += ["--client-nodes", str(service.client_nodes)]
     every = "off" if service.checkpoint_every is None else f"{service.checkpoint_every:g}s"
     limits = [*_eval_timeout(service), "--checkpoint", every]
     return [*limits, *keep, *queue, *(["--log-json"] if service.log_json else [])]

@@ -92,6 +92,8 @@ def launch_request_of(options: argparse.Namespace, folder: Path, keys: Path | No
         Place.at(endpoint, "--listen")
     if options.max_queue is not None and options.max_queue < 0:
         raise BadInput(f"--max-queue: expected at least 0, found {options.max_queue}")
+    if options.client_nodes is not None and options.client_nodes < 1:
+        raise BadInput(f"--client-nodes: expected at least 1, found {options.client_nodes}")
     if options.sandbox and options.on is not None:
         raise BadInput(f"--sandbox: expected none with --on, whose nodes need a network, found --on {options.on}")
     keep_days, keep_records = check_keep(options.keep_days, options.keep_records)
@@ -100,6 +102,7 @@ def launch_request_of(options: argparse.Namespace, folder: Path, keys: Path | No
         database=options.database,
         listen=tuple(options.listen),
         max_queue=options.max_queue,
+        client_nodes=options.client_nodes,
         log_json=options.log_json,
         keep_days=keep_days,
         keep_records=keep_records,

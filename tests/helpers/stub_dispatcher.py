@@ -6,6 +6,7 @@ import time
 from dataclasses import replace
 
 import topologies
+from coordinator.jobs.client_limits import NO_LIMITS
 from coordinator.jobs.job import Placement
 from coordinator.jobs.scheduler import Scheduler
 from problems import BadInput
@@ -16,9 +17,9 @@ from wire.news import Improvement
 class StubDispatcher:
     """Records what it is asked; runs jobs on timers, unless ``manual``."""
 
-    def __init__(self, session, keys, nodes, hooks, *, max_queue=None, manual=False, lost=False):
+    def __init__(self, session, keys, nodes, hooks, *, limits=NO_LIMITS, manual=False, lost=False):
         self.hooks = hooks
-        self.scheduler = Scheduler(nodes, max_queue)
+        self.scheduler = Scheduler(nodes, limits)
         self.orders = {}
         self.asked = []
         self.placings = {}

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from stub_dispatcher import StubDispatcher
 
+from coordinator.jobs.client_limits import ClientLimits
 from coordinator.service.process import Options, run
 from coordinator.store.record_book import Keep
 from node.node_config import NodeConfig
@@ -19,5 +20,5 @@ if __name__ == "__main__":
     run(
         config,
         Options(int(nodes), store, Keep()),
-        partial(StubDispatcher, max_queue=None if most is None else int(most)),
+        partial(StubDispatcher, limits=ClientLimits(None if most is None else int(most))),
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import topologies
+from coordinator.jobs.client_limits import NO_LIMITS
 from coordinator.jobs.hooks import MakeJobRunner
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.launched import LaunchedDispatcher
@@ -168,7 +169,7 @@ class Cluster:
             seal=Seal(self._secret),
             topology=self._topology,
             wired=first,
-            max_queue=None,
+            limits=NO_LIMITS,
             eval_timeout=EVAL_TIMEOUT,
         )
         self._be_the_coordinator(make_dispatcher, topologies.parse(self._topology).cells)

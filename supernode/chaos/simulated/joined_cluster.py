@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from coordinator.errors import ClusterFailed
+from coordinator.jobs.client_limits import NO_LIMITS
 from coordinator.launch import host as launch_host
 from coordinator.service.joined import JoinedDispatcher
 from node.node_config import NodeConfig
@@ -177,5 +178,7 @@ class JoinedCluster(Cluster):
         return NodeConfig(self.keys.cluster, node, "", folder, *common, host=host.host.id)
 
     def _serve(self, first: bool) -> None:
-        make_dispatcher = partial(JoinedDispatcher, seal=Seal(self._secret), max_queue=None, host_timeout=HOST_TIMEOUT)
+        make_dispatcher = partial(
+            JoinedDispatcher, seal=Seal(self._secret), limits=NO_LIMITS, host_timeout=HOST_TIMEOUT
+        )
         self._be_the_coordinator(make_dispatcher, self._expected, joined=True)

@@ -7,6 +7,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 import topologies
 from coordinator.jobs.blocks import edges_between
+from coordinator.jobs.client_limits import ClientLimits
 from coordinator.jobs.scheduler import Placed, QueueFull, Scheduler, TooLarge
 from problems import BadInput
 
@@ -190,7 +191,7 @@ def test_a_job_larger_than_the_cluster_is_refused():
 
 
 def test_a_full_queue_is_refused():
-    scheduler = Scheduler(4, max_queue=2)
+    scheduler = Scheduler(4, ClientLimits(waiting=2))
     for number in range(3):
         run(scheduler, number, "torus 2x2")
     with pytest.raises(QueueFull, match=r"^the queue is full: 2 jobs wait, at most 2 may$"):
@@ -202,7 +203,7 @@ def test_a_full_queue_is_refused():
 
 
 def test_whoever_need_not_wait_needs_no_room_in_the_queue():
-    scheduler = Scheduler(4, max_queue=0)
+    scheduler = Scheduler(4, ClientLimits(waiting=0))
     assert [placed.number for placed in run(scheduler, 1, "ring 3")] == [1]
     with pytest.raises(QueueFull, match="0 jobs wait, at most 0 may"):
         scheduler.add(2, 4, "torus 2x2")
@@ -210,7 +211,7 @@ def test_whoever_need_not_wait_needs_no_room_in_the_queue():
 
 
 def test_a_higher_priority_that_fits_passes_a_full_queue():
-    scheduler = Scheduler(4, max_queue=1)
+    scheduler = Scheduler(4, ClientLimits(waiting=1))
     run(scheduler, 1, "ring 3")
     assert run(scheduler, 2, "torus 2x2") == []
     assert [placed.number for placed in run(scheduler, 3, "ring 1", 1)] == [3]
@@ -286,41 +287,61 @@ def test_a_new_node_is_wired_to_nobody():
 
 # Whatever comes -------------------------------------------------------------------------------------------------------
 class AnyOrder(RuleBasedStateMachine):
-    """Jobs come, start, end and are cancelled in any order, on a cluster of any size."""
+    """Jobs of two clients come, start, end and are cancelled in any order, on a cluster of any size."""
 
-    @initialize(nodes=st.integers(1, 20), max_queue=st.none() | st.integers(0, 5))
-    def begin(self, nodes, max_queue):
-        self.scheduler = Scheduler(nodes, max_queue)
+    @initialize(
+        nodes=st.integers(1, 20), waiting=st.none() | st.integers(0, 5), client_nodes=st.none() | st.integers(1, 20)
+    )
+    def begin(self, nodes, waiting, client_nodes):
+        self.limits = ClientLimits(waiting, client_nodes)
+        self.scheduler = Scheduler(nodes, self.limits)
         self.nodes = nodes
+        self.clients = {}  # number to client
         self.queued = {}  # number to (priority, topology)
         self.running = {}  # number to nodes
         self.number = 0
 
-    @rule(topology=st.sampled_from(TOPOLOGIES), priority=st.integers(-1, 1))
-    def add(self, topology, priority):
+    def room(self, client):
+        """How many further nodes a client may have."""
+        if self.limits.nodes is None:
+            return self.nodes
+        return self.limits.nodes - sum(
+            len(nodes) for number, nodes in self.running.items() if self.clients[number] == client
+        )
+
+    def ahead(self, client):
+        """The numbers of a client's jobs that wait, the next one first."""
+        own = [number for number in self.queued if self.clients[number] == client]
+        return sorted(own, key=lambda number: (-self.queued[number][0], number))
+
+    @rule(topology=st.sampled_from(TOPOLOGIES), priority=st.integers(-1, 1), client=st.sampled_from("ab"))
+    def add(self, topology, priority, client):
         self.number += 1
         cells = CELLS[topology]
+        self.clients[self.number] = client
         try:
-            self.scheduler.add(self.number, cells, topology, priority)
+            self.scheduler.add(self.number, cells, topology, priority, client)
         except TooLarge:
-            assert cells > self.nodes
+            assert cells > min(self.nodes, self.limits.nodes or self.nodes)
         except QueueFull:
-            assert len(self.queued) >= self.scheduler.max_queue
+            assert len(self.ahead(client)) >= self.limits.waiting
         else:
             self.queued[self.number] = (priority, topology)
 
     @rule()
     def start(self):
         for number, nodes in self.scheduler.start():
-            priority, topology = self.queued.pop(number)
+            assert self.ahead(self.clients[number])[0] == number
+            _, topology = self.queued.pop(number)
             assert len(nodes) == CELLS[topology] == len(set(nodes))
             assert set(nodes) <= set(range(self.nodes))
             assert not set(nodes) & {node for busy in self.running.values() for node in busy}
-            assert not [other for other, (its, _) in self.queued.items() if (-its, other) < (-priority, number)]
             self.running[number] = nodes
-        if self.queued:  # whoever is at the head does not fit
-            head = min(self.queued, key=lambda number: (-self.queued[number][0], number))
-            assert CELLS[self.queued[head][1]] > self.nodes - sum(map(len, self.running.values()))
+            assert self.room(self.clients[number]) >= 0
+        heads = [(CELLS[self.queued[self.ahead(client)[0]][1]], client) for client in "ab" if self.ahead(client)]
+        wanted = [cells for cells, client in heads if cells <= self.room(client)]
+        # The one whose turn it is waits for free nodes, and others behind it; a client at its limit holds back nobody.
+        assert not wanted or max(wanted) > self.nodes - sum(map(len, self.running.values()))
 
     @precondition(lambda self: self.running)
     @rule(data=st.data())
@@ -341,12 +362,11 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(data=st.data())
     def restart(self, data):
         """Another coordinator finds the running jobs and the queue again."""
-        scheduler = Scheduler(self.nodes, self.scheduler.max_queue)
+        scheduler = Scheduler(self.nodes, self.limits)
         for number, nodes in self.running.items():
-            scheduler.occupy(number, nodes)
+            scheduler.occupy(number, nodes, client=self.clients[number])
         for number, (priority, topology) in sorted(self.queued.items()):
-            scheduler.add(number, CELLS[topology], topology, priority, accepted_before=True)
-        assert scheduler.queued == self.scheduler.queued
+            scheduler.add(number, CELLS[topology], topology, priority, self.clients[number], accepted_before=True)
         self.scheduler = scheduler
 
     @invariant()
@@ -354,6 +374,9 @@ class AnyOrder(RuleBasedStateMachine):
         if hasattr(self, "scheduler"):
             assert self.scheduler.free_nodes == self.nodes - sum(map(len, self.running.values()))
             assert sorted(self.scheduler.queued) == sorted(self.queued)
+            for client in "ab":
+                queued = [number for number in self.scheduler.queued if self.clients[number] == client]
+                assert queued == self.ahead(client)
 
     def teardown(self):
         if not hasattr(self, "scheduler"):
@@ -414,7 +437,7 @@ def test_clients_take_turns_whatever_their_number_of_jobs_and_priorities():
 
 
 def test_a_client_that_fills_its_queue_shuts_out_no_other():
-    scheduler = Scheduler(1, max_queue=1)
+    scheduler = Scheduler(1, ClientLimits(waiting=1))
     for number in range(2):
         scheduler.add(number, 1, "ring 1", client="flood")
         scheduler.start()
@@ -425,8 +448,38 @@ def test_a_client_that_fills_its_queue_shuts_out_no_other():
     assert scheduler.queued == (3, 1)
 
 
+def test_a_client_with_as_many_nodes_as_it_may_have_is_passed_over():
+    scheduler = Scheduler(8, ClientLimits(nodes=4))
+    for number in range(2):
+        scheduler.add(number, 4, "torus 2x2", client="flood")
+    assert [placed.number for placed in scheduler.start()] == [0]
+    scheduler.add(2, 3, "ring 3", client="other")
+    assert [placed.number for placed in scheduler.start()] == [2]
+    scheduler.free(2)
+    assert scheduler.start() == []
+    scheduler.free(0)
+    assert [placed.number for placed in scheduler.start()] == [1]
+    with pytest.raises(TooLarge, match=r"^the job asks for 6 cells \(torus 2x3\), one client may have 4 nodes$"):
+        scheduler.add(3, 6, "torus 2x3", client="other")
+
+
+def test_a_job_grows_no_further_than_its_client_may():
+    scheduler = Scheduler(10, ClientLimits(nodes=7))
+    scheduler.add(1, 4, "torus 2x2", client="one")
+    scheduler.start()
+    assert len(scheduler.extend(1)) == 6
+    assert scheduler.extend(1) is None
+
+
+def test_a_coordinator_that_takes_over_knows_what_each_client_has():
+    scheduler = Scheduler(8, ClientLimits(nodes=4))
+    scheduler.occupy(1, range(4), "torus 2x2", "flood")
+    scheduler.add(2, 4, "torus 2x2", client="flood")
+    assert scheduler.start() == []
+
+
 def test_a_client_that_comes_back_is_next_and_too_many_names_are_forgotten(monkeypatch):
-    monkeypatch.setattr("coordinator.jobs.scheduler._CLIENTS_KEPT", 2)
+    monkeypatch.setattr("coordinator.jobs.client_queues._CLIENTS_KEPT", 2)
     scheduler = Scheduler(1)
     for number, client in enumerate(["polite", "flood", "flood"]):
         scheduler.add(number, 1, "ring 1", client=client)
@@ -439,4 +492,4 @@ def test_a_client_that_comes_back_is_next_and_too_many_names_are_forgotten(monke
         scheduler.add(number, 1, "ring 1", client=f"made up {number}")
         scheduler.free(number - 3)
         scheduler.start()
-    assert len(scheduler._turns) == 2
+    assert len(scheduler._queues._turns) == 2

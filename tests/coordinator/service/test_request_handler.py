@@ -12,6 +12,7 @@ import pytest
 from stub_dispatcher import StubDispatcher
 
 import supernode
+from coordinator.jobs.client_limits import ClientLimits
 from coordinator.log_lines import LogLines
 from coordinator.service.checking import Checker
 from coordinator.service.request_handler import RequestHandler
@@ -214,7 +215,7 @@ def test_a_graph_that_the_cluster_cannot_have_is_refused_before_it_is_built(robo
 
 
 def test_a_full_queue(offices):
-    office = offices(make=partial(StubDispatcher, manual=True, max_queue=1), nodes=4)
+    office = offices(make=partial(StubDispatcher, manual=True, limits=ClientLimits(waiting=1)), nodes=4)
     for number in range(2):
         office.ask(Submit(file(), f"j{number}"))
     full = "the queue is full: 1 jobs wait, at most 1 may"

@@ -280,6 +280,7 @@ def test_down_ends_a_lifeline_whose_cluster_is_silent(supernode, service, tmp_pa
         (["--topology", "cube"], "--topology: expected a topology"),
         (["--listen", "here"], "--listen: expected an endpoint"),
         (["--max-queue", "-1"], "--max-queue: expected at least 0"),
+        (["--client-nodes", "0"], "--client-nodes: expected at least 1"),
         (["--nodes", "4", "--torus", "2x2"], "not allowed with"),
     ],
 )

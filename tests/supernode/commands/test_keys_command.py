@@ -193,6 +193,22 @@ def test_strangers_find_no_cluster(capsys, cluster, endpoint, keys, tmp_path):
     assert "expired on 20" in err
 
 
+def test_a_client_whose_jobs_are_long_leaves_nodes_to_others(keys, problem, tmp_path):
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    options = ("--keys", keys, "--listen", endpoint, "--client-nodes", "4")
+    assert main(["keys", "add", str(keys), "client", "other"]) == 0
+    with (
+        live(tmp_path / "state", "torus 2x4", *options),
+        supernode.connect(endpoint, keys / "client") as one,
+        supernode.connect(endpoint, keys / "other") as other,
+    ):
+        long = [one.submit(problem) for _ in range(2)]
+        assert other.submit(problem, generations=20).result(60).status == "exhausted"
+        assert [each.state() for each in long] == ["running", "queued"]
+        with pytest.raises(supernode.BadInput, match=r"asks for 8 cells .*, one client may have 4 nodes"):
+            other.submit(problem, topology="torus 2x4")
+
+
 def test_keys_change_and_members_leave_while_a_job_runs(capsys, cluster, keys, endpoint, problem, tmp_path):
     file = supernode.load(problem).with_run(generations=4000, seed=3)
     assert run(capsys, "keys", "add", keys, "client", "guest")[0] == 0

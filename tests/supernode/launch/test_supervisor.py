@@ -75,6 +75,7 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
         "database": None,
         "listen": (LISTEN,),
         "max_queue": 5,
+        "client_nodes": None,
         "log_json": None,
         "keep_days": 30.0,
         "keep_records": 1000,
