@@ -1,5 +1,8 @@
-"""Questions to a process whose one network thread also sends, while it gives long answers."""
+"""Questions to a process whose one network thread also sends, while it gives long answers; and links between hosts."""
 
+import contextlib
+import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -8,6 +11,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from places import until
 
 from supernode.deploy.addresses import free_port
 from wire import sessions
@@ -129,3 +133,22 @@ def answered(session, payload):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
     raise TimeoutError
+
+
+def test_little_waits_to_be_sent_on_a_link_between_hosts():
+    """On a slow link news would wait behind megabytes of what is no news any more."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with closing(sessions.peer([endpoint], [])) as one, closing(sessions.peer([], [endpoint])) as other:
+        until(lambda: one.info.peers_zid() == [other.info.zid()])
+        assert send_buffers(int(endpoint.rpartition(":")[2])) == [2 * 32768] * 2, "Linux doubles it"
+
+
+def send_buffers(port):
+    """The size of the send buffer of each end of this process's links at a port."""
+    found = []
+    sockets = [link.name for link in Path("/proc/self/fd").iterdir() if link.is_socket()]
+    for name in sockets:
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(name))) as end:
+            if port in (end.getsockname()[1], end.getpeername()[1]):
+                found.append(end.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF))
+    return found

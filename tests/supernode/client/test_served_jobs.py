@@ -283,9 +283,12 @@ def test_what_happened_is_kept(service, client):
     assert all(one["generation"] < other["generation"] for one, other in itertools.pairwise(each_second))
     assert all(each["best"] <= each["median"] <= each["worst"] for each in each_second)
     assert 0 < each_second[-1]["diversity"] <= 1
-    first, last = each_second[0], each_second[-1]
-    pace = (last["at"] - first["at"]) / (last["generation"] - first["generation"])
-    assert pace / 3 < last["exchange_seconds"] < 3 * pace
+    last = each_second[-1]
+    paces = [
+        (other["at"] - one["at"]) / (other["generation"] - one["generation"])
+        for one, other in itertools.pairwise(each_second)
+    ]  # they differ much on a busy machine
+    assert min(paces) / 3 < last["exchange_seconds"] < 3 * max(paces)
     behind = 4  # each of the four nodes may be one exchange behind its neighbours when it tells
     assert 0 < last["received"] <= 2 * (last["messages"] + behind), "a cell of a torus of 2x2 has two neighbours"
 
