@@ -1,14 +1,17 @@
-"""Namespaces of Linux in which a process has no network (user_namespaces(7), network_namespaces(7)).
+"""Namespaces of Linux in which a process has no network, or a disk of its own: user_namespaces(7) and others.
 
 Python names these system calls from 3.12 on only.
 """
 
+import contextlib
 import ctypes
 import os
 import socket
+from collections.abc import Iterator
 from pathlib import Path
 
-_USER, _NETWORK = 0x10000000, 0x40000000  # CLONE_NEWUSER and CLONE_NEWNET of sched.h
+_USER, _NETWORK, _MOUNTS = 0x10000000, 0x40000000, 0x00020000  # CLONE_NEWUSER, _NEWNET and _NEWNS of sched.h
+_PRIVATE, _WITH_ALL_BELOW, _DETACH = 1 << 18, 1 << 14, 2  # MS_PRIVATE, MS_REC and MNT_DETACH of sys/mount.h
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 Namespaces = tuple[int, int]
@@ -39,17 +42,41 @@ def without_network() -> Namespaces:
 def _make(tell: socket.socket) -> None:
     """Make the namespaces in a child, and send their descriptors, or the error's number; this never returns."""
     try:
-        user, group = os.geteuid(), os.getegid()
-        _check(_LIBC.unshare(_USER | _NETWORK))
-        # Each number stands for itself, so that files seem to belong to whom they do. Groups need the first line.
-        for name, text in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
-            Path("/proc/self", name).write_text(text)
+        _unshare_as_the_same_user(_NETWORK)
         found = [os.open(f"/proc/self/ns/{name}", os.O_RDONLY) for name in ("user", "net")]
         socket.send_fds(tell, [b"!"], found)
     except OSError as error:
         tell.send(str(error.errno).encode())
     finally:
         os._exit(0)
+
+
+def _unshare_as_the_same_user(kind: int) -> None:
+    user, group = os.geteuid(), os.getegid()
+    _check(_LIBC.unshare(_USER | kind))
+    # Each number stands for itself, so that files seem to belong to whom they do. Groups need the first line.
+    for name, text in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
+        Path("/proc/self", name).write_text(text)
+
+
+@contextlib.contextmanager
+def own_disk(folder: Path, size: int) -> Iterator[None]:
+    """Let this process, and those that it starts meanwhile, see a disk of their own at a folder.
+
+    Args:
+        folder: an empty folder.
+        size: how much the disk holds, in bytes. It is in memory.
+
+    Raises:
+        OSError: if the system does not let this user make it, or the process has more than one thread.
+    """
+    _unshare_as_the_same_user(_MOUNTS)
+    _check(_LIBC.mount(b"none", b"/", None, _PRIVATE | _WITH_ALL_BELOW, None))  # others must not see it
+    _check(_LIBC.mount(b"tmpfs", os.fsencode(folder), b"tmpfs", 0, f"size={size},mode=700".encode()))
+    try:
+        yield
+    finally:
+        _check(_LIBC.umount2(os.fsencode(folder), _DETACH))
 
 
 def enter(namespaces: Namespaces) -> None:

@@ -8,6 +8,8 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from coordinator.errors import ClusterFailed
@@ -72,7 +74,9 @@ class Outcome:
         return found
 
 
-def run(file: ProblemFile, faults: Sequence[Fault], force: bool, say: Callable[[str], None]) -> Outcome:
+def run(
+    file: ProblemFile, faults: Sequence[Fault], force: bool, say: Callable[[str], None], disk: Path | None = None
+) -> Outcome:
     """Start a cluster, run the problem on it under faults, and return what has happened.
 
     Args:
@@ -80,13 +84,14 @@ def run(file: ProblemFile, faults: Sequence[Fault], force: bool, say: Callable[[
         faults: what to do, in the order of time.
         force: start it even if this machine cannot hold so many nodes.
         say: called with a line about each fault.
+        disk: the disk for the cluster's state, which faults may fill; None: some folder, and no such fault.
 
     Raises:
         BadInput: if the problem is wrong, or this machine cannot hold so many nodes.
         ClusterFailed: if the cluster does not come up.
     """
     module, own, _ = file.kind.partition(":")
-    service = ServiceOptions(allow_modules=(module,) if own else (), modules=file.folder)
+    service = ServiceOptions(state=disk, allow_modules=(module,) if own else (), modules=file.folder)
     request = LaunchRequest(file.run.topology, service, force=force)
     outcome = Outcome()
     with Supervisor(request).up() as up, Client(Place.at(up.endpoint)) as client:
@@ -94,7 +99,8 @@ def run(file: ProblemFile, faults: Sequence[Fault], force: bool, say: Callable[[
         listener = threading.Thread(target=_listen, args=(job, outcome), name="improvements", daemon=True)
         listener.start()
         try:
-            _try(job, client, faults, up.processes, outcome, say)
+            begin = partial(_begin, processes=up.processes, disk=disk)
+            _try(job, client, faults, begin, outcome, say)
         except ClusterFailed as error:
             outcome.broken = str(error)
         listener.join(_ENDS_WITHIN)
@@ -108,7 +114,7 @@ def _try(
     job: ClientJob,
     client: Client,
     faults: Sequence[Fault],
-    processes: Callable[[], Mapping[str, int]],
+    begin: Callable[[Fault], Callable[[], None] | None],
     outcome: Outcome,
     say: Callable[[str], None],
 ) -> None:
@@ -118,7 +124,7 @@ def _try(
         ClusterFailed: if the cluster does not answer any more.
     """
     if _wait_for(lambda: job.state() not in ("submitted", "queued", "preparing"), _RUNS_WITHIN):
-        _carry_out(faults, processes, job, outcome, say)
+        _carry_out(faults, begin, job, outcome, say)
     job.cancel()
     with contextlib.suppress(TimeoutError):
         outcome.result = job.result(_ENDS_WITHIN)
@@ -127,34 +133,52 @@ def _try(
 
 def _carry_out(
     faults: Sequence[Fault],
-    processes: Callable[[], Mapping[str, int]],
+    begin: Callable[[Fault], Callable[[], None] | None],
     job: ClientJob,
     outcome: Outcome,
     say: Callable[[str], None],
 ) -> None:
     """Carry out the faults until the job has ended."""
-    began, stopped = time.monotonic(), list[threading.Timer]()
+    began, ending = time.monotonic(), list[threading.Timer]()
     for fault in faults:
         time.sleep(max(0.0, began + fault.at - time.monotonic()))
         if job.state() in ENDS:
             break
-        process = processes().get(fault.process)
-        if process is None:
+        end = begin(fault)
+        if end is None:
             continue
-        kind = signal.SIGKILL if fault.do == "kill" else signal.SIGSTOP
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(process, kind)
-            outcome.done.append((time.time(), fault))
-            say(
-                f"{fault.at:6.1f} s  {fault.do} {fault.process}"
-                + (f" for {fault.seconds:.1f} s" if fault.seconds else "")
-            )
-        if fault.do == "stop":
-            timer = threading.Timer(fault.seconds, _let_go_on, [process])
-            timer.start()
-            stopped.append(timer)
-    for timer in stopped:
+        outcome.done.append((time.time(), fault))
+        lasts = f" for {fault.seconds:.1f} s" if fault.seconds else ""
+        say(f"{fault.at:6.1f} s  {fault.do} {fault.process}{lasts}")
+        if fault.seconds:
+            ending.append(threading.Timer(fault.seconds, end))
+            ending[-1].start()
+    for timer in ending:
         timer.join()
+
+
+def _begin(fault: Fault, processes: Callable[[], Mapping[str, int]], disk: Path | None) -> Callable[[], None] | None:
+    """Carry out a fault; return what ends it, or None if there is no such process any more."""
+    if fault.do == "fill":
+        assert disk is not None
+        return _fill(disk)
+    process = processes().get(fault.process)
+    if process is None:
+        return None
+    try:
+        os.kill(process, signal.SIGKILL if fault.do == "kill" else signal.SIGSTOP)
+    except ProcessLookupError:
+        return None
+    return partial(_let_go_on, process)
+
+
+def _fill(disk: Path) -> Callable[[], None]:
+    """Leave no room on a disk; return what makes room again."""
+    filler, block = disk / "filler", bytes(1 << 16)
+    with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
+        while True:
+            file.write(block)
+    return filler.unlink
 
 
 def _let_go_on(process: int) -> None:

@@ -1,29 +1,42 @@
 """Kill and stop processes of a cluster while it solves a problem, and report what was lost.
 
 A quarter of the nodes is killed at once, then one node is killed or stopped every second; spy, router and coordinator
-are killed once each. The cluster is started for this on this machine. The exit code is 3 if anything was lost: the job
-did not end, the answer is worse than one that was told before, or a replay has another history. With --simulate no
-process is started: each trial is a whole cluster within one process, and --draw decides everything but the problem.
+are killed once each. With --full-disk the disk that keeps the jobs is full for a while. The cluster is started for this
+on this machine. The exit code is 3 if anything was lost: the job did not end, the answer is worse than one that was
+told before, or a replay has another history. With --simulate no process is started: each trial is a whole cluster
+within one process, and --draw decides everything but the problem.
 """
 
 import argparse
+import contextlib
+import os
+from typing import TYPE_CHECKING
 
+from coordinator.threads import ONE_THREAD
 from supernode import exits
 from supernode.commands.cluster_options import add_force
 from supernode.commands.run_options import add_settings, positive, share, whole
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 _TELL_EVERY = 50  # trials
+_DISK_BYTES = 64 << 20
 EXAMPLE = "supernode chaos examples/rastrigin.toml --torus 4x4 --for 20 --draw 7"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the problem, the settings of the run, and the faults."""
+    os.environ.update(ONE_THREAD)  # before numpy is imported: `own_disk` asks for a process of one thread
     add_settings(parser)
     faults = parser.add_argument_group("faults")
     faults.add_argument("--draw", metavar="N", type=whole, default=1, help="the seed of the faults (%(default)s)")
     faults.add_argument("--for", dest="length", metavar="S", type=positive, default=60.0, help="seconds of faults (60)")
     faults.add_argument(
         "--at-once", metavar="R", type=share, default=0.25, help="the share of nodes to kill at once (%(default)s)"
+    )
+    faults.add_argument(
+        "--full-disk", metavar="S", type=positive, help="let the disk that keeps the jobs be full once, for S seconds"
     )
     simulated = parser.add_argument_group("simulation")
     simulated.add_argument(
@@ -76,6 +89,28 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _try(options: argparse.Namespace) -> int:
     """Try a real cluster."""
+    if options.full_disk is None:
+        return _try_on(None, options)
+    import tempfile
+    from pathlib import Path
+
+    from lowlevel.namespaces import own_disk
+    from problems.errors import BadInput
+
+    with contextlib.ExitStack() as stack:
+        disk = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="supernode-disk-")))
+        try:
+            stack.enter_context(own_disk(disk, _DISK_BYTES))
+        except OSError as error:
+            raise BadInput(
+                f"--full-disk: expected a system that lets you mount a disk in memory, found: {error.strerror}; a user"
+                " with root's rights may"
+            ) from None
+        return _try_on(disk, options)
+
+
+def _try_on(disk: "Path | None", options: argparse.Namespace) -> int:
+    """Try a real cluster, whose jobs are kept on a disk that may be full (None: on any)."""
     import json
     import sys
 
@@ -93,12 +128,12 @@ def _try(options: argparse.Namespace) -> int:
         file = file.with_run(target=-1.0 if file.run.target is None else file.run.target, stall=MOST_GENERATIONS - 1)
     file.refuse_unreachable()
     cells = topologies.parse(file.run.topology).cells
-    faults = schedule.faults(cells, options.length, options.at_once, options.draw)
+    faults = schedule.faults(cells, options.length, options.at_once, options.draw, options.full_disk or 0.0)
 
     def say(line: str) -> None:
         if not options.quiet:
             print(line, file=sys.stderr)
 
-    outcome = trial.run(file, faults, options.force, say)
+    outcome = trial.run(file, faults, options.force, say, disk)
     print(json.dumps(report.as_json(outcome)) if options.json else report.in_words(outcome))
     return exits.NOT_REACHED if outcome.lost else exits.OK

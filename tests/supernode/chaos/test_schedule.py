@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from supernode.chaos.schedule import SPECIAL, faults
+from supernode.chaos.schedule import DISK, SPECIAL, faults
 
 
 @given(nodes=st.integers(1, 200), seconds=st.floats(1.0, 90.0), at_once=st.floats(0.0, 0.9), seed=st.integers(0, 9999))
@@ -19,3 +19,11 @@ def test_a_seed_draws_the_faults(nodes, seconds, at_once, seed):
     at_first = [fault.process for fault in drawn if fault.at == 1.0 and fault.process not in SPECIAL]
     assert len(set(at_first)) == len(at_first) == round(at_once * nodes)
     assert {fault.process for fault in drawn} <= {*SPECIAL, *(f"node {node}" for node in range(nodes))}
+
+
+@given(seconds=st.floats(1.0, 90.0), seed=st.integers(0, 9999), full=st.floats(0.1, 30.0))
+def test_the_disk_is_full_once_and_the_other_faults_stay_the_same(seconds, seed, full):
+    drawn = faults(9, seconds, 0.25, seed, full)
+    (disk,) = [fault for fault in drawn if fault.process == DISK]
+    assert (disk.do, disk.seconds) == ("fill", full)
+    assert [fault for fault in drawn if fault is not disk] == faults(9, seconds, 0.25, seed)
