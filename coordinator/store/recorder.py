@@ -120,6 +120,7 @@ class Recorder:
         self._forget = forget
         self._events: queue.SimpleQueue[_Event | None] = queue.SimpleQueue()
         self._known: dict[int, Summary] = {}  # jobs under way, with their latest fitness; published at a deadline
+        self._found: list[LogRecord] = []  # while events are written; shown once they are
         self._late: set[int] = set()  # jobs whose deadline was published before it was stored
         self._closing = threading.Event()
         self._write_lock = threading.Lock()  # held while a batch is written and published
@@ -209,6 +210,9 @@ class Recorder:
 
     def _work(self) -> None:
         while events := self._batch():
+            for event in events:  # at once, whether they can be stored or not
+                if isinstance(event, _Logged):
+                    self._show(event.record)
             self._settle(events)
 
     def _batch(self) -> list[_Event]:
@@ -254,6 +258,7 @@ class Recorder:
         Raises:
             StoreFailed: if the database fails; then nothing of this is stored or published.
         """
+        self._found.clear()
         with self._write_lock:
             with self._store.transaction():
                 # Every improvement is a record, but only the latest of each job in this batch is its best answer.
@@ -264,6 +269,8 @@ class Recorder:
             for state in states:
                 if state is not None:
                     self._publish(state)
+        for record in self._found:
+            self._show(record)
         for event in events:
             if isinstance(event, _Ended):
                 self._known.pop(event.number, None)
@@ -281,15 +288,20 @@ class Recorder:
         elif isinstance(event, _Measured):
             self._book.note_statistics(event.at, event.statistics)
         elif isinstance(event, _Logged):
-            self._log(event.record)
+            self._book.note_log(event.record)
 
     def _log(self, record: LogRecord) -> None:
-        """Show a log record and store it; it is shown again if the transaction has to be repeated."""
-        self._lines.write(record, None if record.job is None else self._name_of(record.job))
+        """Store a log record that was found while events are written, and show it once they are."""
         self._book.note_log(record)
+        self._found.append(record)
+
+    def _show(self, record: LogRecord) -> None:
+        self._lines.write(record, None if record.job is None else self._name_of(record.job))
 
     def _name_of(self, number: int) -> str | None:
-        with contextlib.suppress(UnknownJob):
+        if (known := self._known.get(number)) is not None:
+            return known.job
+        with contextlib.suppress(UnknownJob, StoreFailed):
             return self._store.at(number).job
         return None
 

@@ -105,7 +105,7 @@ def run(
             outcome.broken = str(error)
         listener.join(_ENDS_WITHIN)
     if outcome.result is not None and file.run.mode == "lockstep":
-        say("repeating the run in this process")
+        say(f"repeating the run in this process: {outcome.result.generations:,} generations")
         outcome.repeats = _repeats(file, outcome.result)
     return outcome
 
