@@ -14,6 +14,7 @@ from node.cell import Cell
 from node.cpu_affinity import LONG, core_of
 from node.events import Action, Event, Message
 from node.links import Links
+from node.patience import Patience
 from node.plan import Plan
 from wire.takeover import Takeover
 
@@ -47,6 +48,7 @@ class Assignment:
         report: the cell's report, encoded; None before it has stopped.
         bred_at: when the latest generations were bred, seconds on the monotonic clock, as far as it has been noted.
         gap: how long an exchange took then, in seconds.
+        patience: in lockstep, when the cell asks for messages that have not come.
         most: how many generations may be bred in one call: as many as take about `INLINE_SECONDS`.
         last_report: when counters were sent last, on the same clock, and the numbers of messages sent and of
             generations bred until then.
@@ -69,6 +71,7 @@ class Assignment:
         self.report: bytes | None = None
         self.bred_at = time.monotonic()
         self.gap = 0.0
+        self.patience = Patience()
         self.most = 1
         self.last_report = (self.bred_at, 0, 0)
         plan = cell.plan
@@ -150,6 +153,7 @@ class Assignment:
         if bred := generation - self._bred:
             now = time.monotonic()
             self.gap, self.bred_at = (now - self.bred_at) / max(1.0, bred / self._interval), now
+            self.patience.note(self.gap)
             self.cell.pace_states(self.gap)
             self._bred = generation
 

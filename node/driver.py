@@ -26,7 +26,7 @@ from node.turn_taking import TurnTaking
 if TYPE_CHECKING:
     from node.fast_path import FastPath
 
-PATIENCE = 1.0  # s: a lockstep node waits at least this long before it asks a neighbour for a missing message
+_AWAKE_AFTER = 1.0  # s after it was due that the main thread wakes up although the network thread could do its work
 MOST_UNREAD = 1000  # messages: a lockstep node reads so many even if a neighbour has sent nothing, to bound memory
 
 
@@ -71,7 +71,6 @@ class Driver:
         self._turn_taking = turn_taking
         self._fast_path = fast_path
         self._pin = pin
-        self._questions_due = 0.0  # when to ask for missing messages, on the monotonic clock
 
     # On the network thread --------------------------------------------------------------------------------------------
     def make_handler(self, sender: int) -> Hear:
@@ -216,7 +215,10 @@ class Driver:
             return None
         if assignment.busy:
             return 0.0
-        return max(0.0, self._main_thread_due(assignment) - time.monotonic())
+        due = self._main_thread_due(assignment)
+        if assignment.in_lockstep and assignment.patience.is_hasty:
+            due = min(due, assignment.patience.due)
+        return max(0.0, due - time.monotonic())
 
     def _main_thread_due(self, assignment: Assignment) -> float:
         """Return when the main thread must look at the clock, on the monotonic clock.
@@ -224,7 +226,7 @@ class Driver:
         An inline cell's counters are sent by the network thread as long as it breeds, so here the main thread leaves
         it some time and wakes up only if the cell seems to wait.
         """
-        return self._telemetry.due + (PATIENCE if assignment.inline else 0.0)
+        return self._telemetry.due + (_AWAKE_AFTER if assignment.inline else 0.0)
 
     def carry_on(self, assignment: Assignment) -> None:
         """Step the cell on the main thread, or in async mode let compiled code breed to the end of this node's turn."""
@@ -270,20 +272,14 @@ class Driver:
 
         Both are as rare as the counters: code and data that are cold in the cache cost as much as some generations.
         """
-        now = time.monotonic()
-        if now < self._main_thread_due(assignment):
-            return
-        self._telemetry.send_counters(assignment)
-        if assignment.in_lockstep and now >= self._questions_due:
-            self._ask_if_it_waits(assignment, now)
-
-    def _ask_if_it_waits(self, assignment: Assignment, now: float) -> None:
-        """Let a lockstep cell ask for missing messages when it waits far longer than usual; less and less often."""
-        assignment.look_at_the_clock()  # generations of the fast path have not been noted yet
-        waited, patience = now - assignment.bred_at, max(PATIENCE, 4 * assignment.gap)
-        if waited >= patience:
-            assignment.events.append(Waited())
-        self._questions_due = now + max(patience - waited, waited, PATIENCE / 2)
+        now, patience = time.monotonic(), assignment.patience
+        is_due = now >= self._main_thread_due(assignment)
+        if is_due:
+            self._telemetry.send_counters(assignment)
+        if assignment.in_lockstep and now >= patience.due and (is_due or patience.is_hasty):
+            assignment.look_at_the_clock()  # generations of the fast path have not been noted yet
+            if patience.is_over(now, assignment.bred_at):
+                assignment.events.append(Waited())
 
     def enter(self, assignment: Assignment) -> None:
         """Make an assignment the present one; none is coming then."""
@@ -302,7 +298,7 @@ class Driver:
         """Let the cell of an assignment begin."""
         assignment.bred_at = time.monotonic()
         assignment.last_report = (assignment.bred_at, 0, 0)
-        self._questions_due = assignment.bred_at + PATIENCE
+        assignment.patience.begin(assignment.bred_at, took_over=start.takeover is not None)
         assignment.events.append(start)
 
     def leave(self, assignment: Assignment) -> None:

@@ -32,7 +32,7 @@ from node import cpu_affinity
 from node.assignment import Assignment
 from node.commands import Commands
 from node.cpu_affinity import Pinning
-from node.driver import PATIENCE, Driver, make_fast_path, wake
+from node.driver import Driver, make_fast_path, wake
 from node.epochs import Epochs
 from node.events import Action, Answer, Answered, AnswerStates, Ask, Complain
 from node.node_config import NodeConfig
@@ -49,6 +49,7 @@ from wire.strict import Rejected, of, pack, unpack
 # Made when the zygote imports this module, not in each node: making one touches forty pages, which a forked node would
 # have to copy. Each node still has its own, because a fork copies what the node writes to.
 FAST_PATH = make_fast_path()
+_ANSWERED_WITHIN = 1.0  # s in which a neighbour answers; else it is asked again
 
 
 def live(config: NodeConfig) -> None:
@@ -132,7 +133,7 @@ class NodeProcess:
         key = self._config.keys.control(assignment.links.wiring.nodes[action.neighbour])
         missed = control.encode(Missed(assignment.job, assignment.epoch, action.generation))
         sealed, priority = self._seal.close(key, missed), sessions.LONG_ANSWER
-        self.control.get(key, direct(hear), payload=sealed, timeout=PATIENCE, priority=priority)
+        self.control.get(key, direct(hear), payload=sealed, timeout=_ANSWERED_WITHIN, priority=priority)
 
 
 def _messages_in(payload: bytes) -> list[bytes]:
