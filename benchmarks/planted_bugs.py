@@ -61,9 +61,9 @@ BUGS = (
     ),
     Bug(
         "a cell that waits never asks for a missing message",
-        "node.driver",
-        "if waited >= patience:",
-        "if waited >= patience and assignment is None:",
+        "node.patience",
+        "return waited >= patience",
+        "return False",
     ),
     Bug(
         "a report that was lost is not told again",

@@ -22,6 +22,7 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
         "repeats": outcome.repeats,
         "directives": [] if result is None else result.directives,
         "whole_again": times,
+        "stood_still": outcome.stood_still,
     }
 
 
@@ -38,6 +39,8 @@ def in_words(outcome: Outcome) -> str:
         new_epochs = sum(each["do"] in ("replace", "resume", "restart") for each in result.directives)
         lines.append(f"{result.status} after {result.generations:,} generations, fitness {result.fitness:.6g}")
         lines.append(f"epochs that began because cells could not go on exactly: {new_epochs}")
+    if outcome.stood_still is not None:
+        lines.append(f"the longest time without a new generation: {outcome.stood_still:.1f} s (told once a second)")
     if outcome.repeats:
         lines.append("a replay in one process has the same history, bit for bit")
     lines += [f"lost: {each}" for each in outcome.lost] or ["lost: nothing"]

@@ -43,6 +43,8 @@ class Outcome:
         broken: why the cluster did not answer any more; None if it did.
         worse_told: improvements that were worse than an earlier one of the same epoch.
         repeats: whether a replay of the result has the same history; None if it has no history, as in async mode.
+        stood_still: the longest time without a new generation of the root, in seconds, as the statistics tell it; None
+            if nothing was told of it.
     """
 
     done: list[tuple[float, Fault]] = field(default_factory=list)
@@ -52,6 +54,7 @@ class Outcome:
     broken: str | None = None
     worse_told: int = 0
     repeats: bool | None = None
+    stood_still: float | None = None
 
     @property
     def lost(self) -> list[str]:
@@ -128,7 +131,8 @@ def _try(
     job.cancel()
     with contextlib.suppress(TimeoutError):
         outcome.result = job.result(_ENDS_WITHIN)
-    outcome.whole_again = _whole_again(outcome.done, _log_of(client, job.id))
+    outcome.whole_again = _whole_again(outcome.done, _records(client, "log", job.id))
+    outcome.stood_still = _stood_still(_records(client, "statistics", job.id))
 
 
 def _carry_out(
@@ -203,8 +207,8 @@ def _wait_for(happened: Callable[[], bool], seconds: float) -> bool:
     return True
 
 
-def _log_of(client: Client, job: str) -> Iterator[dict[str, Any]]:
-    for page in pages(client, "log", job):
+def _records(client: Client, kind: str, job: str) -> Iterator[dict[str, Any]]:
+    for page in pages(client, kind, job):
         yield from (dict(zip(page.columns, row, strict=True)) for row in page.rows)
 
 
@@ -226,6 +230,17 @@ def _whole_again(done: Sequence[tuple[float, Fault]], records: Iterable[Mapping[
                 found += [at - min(earlier)] if earlier else []
                 deaths = [each for each in deaths if each[1] != cell or each[0] > at]
     return sorted(found)
+
+
+def _stood_still(records: Iterable[Mapping[str, Any]]) -> float | None:
+    """Return the longest time from one record to the next one of a later generation, or to the last one."""
+    longest, latest = None, None
+    for record in sorted(records, key=lambda record: record["at"]):
+        if latest is not None:
+            longest = max(longest or 0.0, record["at"] - latest["at"])
+        if latest is None or record["generation"] > latest["generation"]:
+            latest = record
+    return longest
 
 
 def _repeats(file: ProblemFile, result: Result) -> bool:

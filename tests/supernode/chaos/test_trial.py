@@ -9,7 +9,7 @@ from command_line import in_process
 from spy.result import Result
 from supernode.chaos.report import as_json, in_words
 from supernode.chaos.schedule import Fault
-from supernode.chaos.trial import Outcome
+from supernode.chaos.trial import Outcome, _stood_still
 
 PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = 500\n[run]\ntorus = "3x3"\n'
 
@@ -58,9 +58,23 @@ def result(**changed):
 SOUND = Outcome([(1.0, Fault(1.0, "kill", "node 3"))], result(), [0.2, 0.4], {0: 5.0, 1: 3.0}, repeats=True)
 
 
+@pytest.mark.parametrize(
+    ("told", "longest"),
+    [
+        ([], None),
+        ([(1.0, 5)], None),
+        ([(1.0, 5), (2.0, 6), (5.5, 9)], 3.5),
+        ([(1.0, 5), (2.0, 6), (3.0, 6), (4.0, 6)], 2.0),
+    ],
+)
+def test_how_long_it_stood_still(told, longest):
+    assert _stood_still([{"at": at, "generation": generation} for at, generation in told]) == longest
+
+
 def test_what_was_lost_is_said():
     assert SOUND.lost == []
     assert "2 dead cells went on exactly" in in_words(SOUND)
+    assert "without a new generation: 1.5 s" in in_words(replace(SOUND, stood_still=1.5))
     assert as_json(SOUND)["whole_again"] == [0.2, 0.4]
     for wrong, words in (
         ({"result": None}, "did not end"),
