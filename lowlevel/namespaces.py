@@ -63,6 +63,8 @@ def _unshare_as_the_same_user(kind: int) -> None:
 def own_disk(folder: Path, size: int) -> Iterator[None]:
     """Let this process, and those that it starts meanwhile, see a disk of their own at a folder.
 
+    The process stays in its new namespaces at the end; only the disk goes.
+
     Args:
         folder: an empty folder.
         size: how much the disk holds, in bytes. It is in memory.

@@ -153,7 +153,7 @@ class Assignment:
         if bred := generation - self._bred:
             now = time.monotonic()
             self.gap, self.bred_at = (now - self.bred_at) / max(1.0, bred / self._interval), now
-            self.patience.note(self.gap)
+            self.patience.note(now, self.gap)
             self.cell.pace_states(self.gap)
             self._bred = generation
 

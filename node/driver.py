@@ -298,7 +298,8 @@ class Driver:
         """Let the cell of an assignment begin."""
         assignment.bred_at = time.monotonic()
         assignment.last_report = (assignment.bred_at, 0, 0)
-        assignment.patience.begin(assignment.bred_at, took_over=start.takeover is not None)
+        others_wait = start.takeover is not None and start.takeover.others_wait
+        assignment.patience.begin(assignment.bred_at, took_over=others_wait)
         assignment.events.append(start)
 
     def leave(self, assignment: Assignment) -> None:

@@ -26,21 +26,25 @@ class Patience:
         return self.due < self._hasty_until
 
     def begin(self, now: float, took_over: bool) -> None:
-        """Note that the cell begins, or takes the place of one whose process has died."""
+        """Note that the cell begins; ``took_over``: in the place of one whose process has died, while others wait."""
         self._hasty_until = now + _HASTY_FOR if took_over else 0.0
         self.due = now + (_HASTY if took_over else _PATIENCE)
 
-    def note(self, gap: float) -> None:
-        """Note the seconds that an exchange took. A long one is the usual one only if more of them follow.
+    def note(self, now: float, gap: float) -> None:
+        """Note that the cell goes on, after an exchange of so many seconds.
 
-        Otherwise a cell that has waited long for a lost message would wait four times as long for the next one.
+        A long one is the usual one only if more of them follow. Otherwise a cell that has waited long for one lost
+        message would wait four times as long for the next one.
         """
         self._usual = min(gap, max(2 * self._usual, _LEAST_USUAL))
+        self.due = min(self.due, now + self._patience)
 
     def is_over(self, now: float, waits_since: float) -> bool:
         """Return whether the cell should ask now; if it goes on waiting, it is due less and less often."""
-        waited = now - waits_since
-        least = _HASTY if self.is_hasty else _PATIENCE
-        patience = max(least, _USUALLY * self._usual)
-        self.due = now + max(patience - waited, waited, least / 2)
+        waited, patience = now - waits_since, self._patience
+        self.due = now + max(patience - waited, waited)
         return waited >= patience
+
+    @property
+    def _patience(self) -> float:
+        return max(_HASTY if self.is_hasty else _PATIENCE, _USUALLY * self._usual)

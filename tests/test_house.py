@@ -84,7 +84,7 @@ HARMLESS = {
 }
 PURE = [
     *(path for path in MODULES if path.relative_to(ROOT).parts[0] in ("topologies", "genetics")),
-    *(ROOT / "node" / f"{name}.py" for name in ("cell", "events", "plan", "stimuli")),
+    *(ROOT / "node" / f"{name}.py" for name in ("cell", "events", "patience", "plan", "stimuli")),
     *(ROOT / "node" / "engine").glob("*.py"),
     *(
         ROOT / "coordinator" / "jobs" / f"{name}.py"

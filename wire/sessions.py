@@ -59,12 +59,14 @@ _ANSWERS_ABROAD: dict[str, Any] = {
 }
 # On a slow link between hosts, messages that wait in the system's buffer, which grows to megabytes, reach the neighbour
 # seconds later, a new champion behind them. So that buffer is small, and what finds no room is dropped at once instead
-# of holding up the cell for 1 ms. A neighbour gets fewer messages, but fresh ones. In lockstep no link is ever as full.
+# of holding up the cell for 1 ms. A neighbour gets fewer messages, but fresh ones. In lockstep few messages are under
+# way. All links of a session have the same wait. It is not 0, since parts of long messages would then not wait either.
+# QUIC has no such buffer to set.
 _SEND_BUFFER = 32768  # bytes; Linux doubles it. On a round trip of 10 ms that is still 4 MB/s
 _FRESH: dict[str, Any] = {
     "transport/link/tcp/so_sndbuf": _SEND_BUFFER,
     "transport/link/tls/so_sndbuf": _SEND_BUFFER,
-    f"{_DROP}/wait_before_drop": 0,
+    f"{_DROP}/wait_before_drop": 1,  # us
 }
 _PATIENT = {f"{_DROP}/{wait}": 5_000_000 for wait in ("wait_before_drop", "max_wait_before_drop_fragments")}  # us
 _ALWAYS: dict[str, Any] = {

@@ -30,7 +30,7 @@ class ClientQueues:
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """The jobs that wait, the next one first."""
+        """The jobs that wait, in the order of their turns; limits may let a later one pass."""
         in_turns = sorted(
             (rank, self._turn(client), queue[0].number, waiting.number)
             for client, queue in self._queues.items()

@@ -116,7 +116,7 @@ class Dispatcher:
         A job ``accepted_before``, by a coordinator that died, starts over; it is queued even if the queue is full.
 
         Raises:
-            TooLarge: if the cluster has too few nodes.
+            TooLarge: if the cluster has too few nodes, or one client may have too few.
             QueueFull: if too many jobs wait.
             ClusterFailed: if the cluster has failed, or is closed.
             BadInput: if the job's log cannot be written.

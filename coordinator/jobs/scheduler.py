@@ -2,7 +2,7 @@
 
 A job starts when it is at the head of the queue and enough nodes are free. A job that does not fit yet holds back those
 behind it: otherwise small jobs could overtake a large one for ever. Clients take turns (`client_queues`); one whose
-jobs have as many nodes as it may have is passed over.
+next job would have more nodes than it may have is passed over.
 
 Free nodes that are wired for the same topology already are preferred, since they need no new links; otherwise those
 whose wiring has been out of use the longest. Nodes on several hosts are chosen on few of them, and each host gets a
@@ -124,7 +124,7 @@ class Scheduler:
             topology_spec: how these are linked.
             priority: of the client's jobs, those of a higher priority start earlier.
             client: the name of the client.
-            accepted_before: whether the job was accepted by the previous coordinator; then a full queue takes it too.
+            accepted_before: whether the job was accepted by the previous coordinator; then the limits do not count.
 
         Raises:
             TooLarge: if the job could never start.
@@ -134,8 +134,8 @@ class Scheduler:
         assert number not in self.queued, f"job {number} is queued already"
         if cells > self.nodes:
             raise TooLarge(f"the job asks for {cells} cells ({topology_spec}), the cluster has {self.nodes} nodes")
-        if self._limits.nodes is not None and cells > self._limits.nodes:
-            most = f"one client may have {self._limits.nodes} nodes"
+        if self._limits.nodes is not None and cells > self._limits.nodes and not accepted_before:
+            most = f"one client may have {self._limits.nodes} nodes; expected a smaller --topology"
             raise TooLarge(f"the job asks for {cells} cells ({topology_spec}), {most}")
         waiting = Waiting(-priority, number, cells, topology_spec)
         others = self._queues.waiting(client)
@@ -155,10 +155,12 @@ class Scheduler:
         return self._queues.next(self._room)
 
     def _room(self, client: str) -> int:
-        """Return how many free nodes a client's jobs may still have."""
-        if self._limits.nodes is None:
-            return len(self._here)
-        return self._limits.nodes - sum(len(self._busy[job]) for job, its in self._clients.items() if its == client)
+        """Return how many further nodes a client's jobs may have, whether there are so many or not.
+
+        A client without any may have all: a larger job than others was accepted when the limit was another one.
+        """
+        has = sum(len(self._busy[job]) for job, its in self._clients.items() if its == client)
+        return self.nodes if self._limits.nodes is None or has == 0 else self._limits.nodes - has
 
     def start(self) -> list[Placed]:
         """Give nodes to the jobs that may start now, in the order of the queue, and return them."""

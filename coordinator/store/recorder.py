@@ -210,24 +210,33 @@ class Recorder:
 
     def _work(self) -> None:
         while events := self._batch():
-            for event in events:  # at once, whether they can be stored or not
-                if isinstance(event, _Logged):
-                    self._show(event.record)
-            self._settle(events)
+            self._settle(events, may_grow=True)
 
     def _batch(self) -> list[_Event]:
         """Wait for an event; return all that have come by then, or none when the recorder is closed."""
         events: list[_Event] = []
-        with contextlib.suppress(queue.Empty):
-            event = self._events.get()
-            while event is not None and len(events) < _MOST_AT_ONCE:
-                events.append(event)
-                event = self._events.get_nowait()
-            self._events.put(event)  # what ended the loop: None, or the first event of the next batch
+        self._take(events, self._events.get())
         return events
 
-    def _settle(self, events: list[_Event]) -> None:
-        """Write and publish events, however long it takes; leave out single events that the database refuses."""
+    def _take(self, events: list[_Event], event: _Event | None) -> None:
+        """Append an event and all that have come by now; show those of the log, whether they can be stored or not."""
+        with contextlib.suppress(queue.Empty):
+            while event is not None:
+                events.append(event)
+                if isinstance(event, _Logged):
+                    self._show(event.record)
+                if len(events) >= _MOST_AT_ONCE:
+                    return
+                event = self._events.get_nowait()
+            self._events.put(None)  # the recorder is being closed; nothing comes after that
+
+    def _settle(self, events: list[_Event], may_grow: bool = False) -> None:
+        """Write and publish events, however long it takes; leave out single events that the database refuses.
+
+        Args:
+            events: the events.
+            may_grow: whether to append what comes meanwhile, so that the log is shown.
+        """
         away = False
         while True:
             try:
@@ -240,6 +249,9 @@ class Recorder:
                 away = True
             if self._closing.wait(_TRY_AGAIN):
                 return None
+            if may_grow and len(events) < _MOST_AT_ONCE:
+                with contextlib.suppress(queue.Empty):
+                    self._take(events, self._events.get_nowait())
 
     def _settle_one_by_one(self, events: list[_Event], error: StoreFailed) -> None:
         """Write each event in a transaction of its own, without those that the database refuses.

@@ -13,7 +13,7 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
     """Return the outcome as plain values."""
     result, times = outcome.result, outcome.whole_again
     return {
-        "faults": [{"at": at, "do": fault.do, "process": fault.process} for at, fault in outcome.done],
+        "faults": [{"at": at, "do": fault.do, "process": fault.target} for at, fault in outcome.done],
         "lost": outcome.lost,
         "status": None if result is None else result.status,
         "generations": None if result is None else result.generations,
@@ -29,7 +29,7 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
 def in_words(outcome: Outcome) -> str:
     """Return the outcome in a few lines."""
     result, times = outcome.result, outcome.whole_again
-    counts = Counter(f"{fault.do} {fault.process.split(' ')[0]}" for _, fault in outcome.done)
+    counts = Counter(f"{fault.do} {fault.target.split(' ')[0]}" for _, fault in outcome.done)
     lines = ["done: " + (", ".join(f"{each} ({count})" for each, count in sorted(counts.items())) or "nothing")]
     if times:
         latest = times[int(_MOST * (len(times) - 1))]
@@ -40,7 +40,7 @@ def in_words(outcome: Outcome) -> str:
         lines.append(f"{result.status} after {result.generations:,} generations, fitness {result.fitness:.6g}")
         lines.append(f"epochs that began because cells could not go on exactly: {new_epochs}")
     if outcome.stood_still is not None:
-        lines.append(f"the longest time without a new generation: {outcome.stood_still:.1f} s (told once a second)")
+        lines.append(f"the longest time without news of a new generation: {outcome.stood_still:.1f} s")
     if outcome.repeats:
         lines.append("a replay in one process has the same history, bit for bit")
     lines += [f"lost: {each}" for each in outcome.lost] or ["lost: nothing"]

@@ -19,13 +19,13 @@ class Fault:
     Attributes:
         at: when, in seconds since the job began to run.
         do: "kill" (SIGKILL), "stop" (SIGSTOP, later SIGCONT) or "fill" (no room on the disk).
-        process: the name of the process, such as "node 7" or "router", or "disk".
+        target: the name of the process, such as "node 7" or "router", or "disk".
         seconds: how long it is stopped, or full.
     """
 
     at: float
     do: Literal["kill", "stop", "fill"]
-    process: str
+    target: str
     seconds: float = 0.0
 
 

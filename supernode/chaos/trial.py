@@ -43,8 +43,8 @@ class Outcome:
         broken: why the cluster did not answer any more; None if it did.
         worse_told: improvements that were worse than an earlier one of the same epoch.
         repeats: whether a replay of the result has the same history; None if it has no history, as in async mode.
-        stood_still: the longest time without a new generation of the root, in seconds, as the statistics tell it; None
-            if nothing was told of it.
+        stood_still: the longest time without news of a new generation, in seconds. The news comes about once a second,
+            and not while there is no spy. None if none came.
     """
 
     done: list[tuple[float, Fault]] = field(default_factory=list)
@@ -143,22 +143,25 @@ def _carry_out(
     say: Callable[[str], None],
 ) -> None:
     """Carry out the faults until the job has ended."""
-    began, ending = time.monotonic(), list[threading.Timer]()
-    for fault in faults:
-        time.sleep(max(0.0, began + fault.at - time.monotonic()))
-        if job.state() in ENDS:
-            break
-        end = begin(fault)
-        if end is None:
-            continue
-        outcome.done.append((time.time(), fault))
-        lasts = f" for {fault.seconds:.1f} s" if fault.seconds else ""
-        say(f"{fault.at:6.1f} s  {fault.do} {fault.process}{lasts}")
-        if fault.seconds:
-            ending.append(threading.Timer(fault.seconds, end))
-            ending[-1].start()
-    for timer in ending:
-        timer.join()
+    began, timers = time.monotonic(), list[threading.Timer]()
+    with contextlib.ExitStack() as at_last:  # also if the cluster breaks, or somebody presses Ctrl-C
+        for fault in faults:
+            time.sleep(max(0.0, began + fault.at - time.monotonic()))
+            if job.state() in ENDS:
+                break
+            end = begin(fault)
+            if end is None:
+                continue
+            outcome.done.append((time.time(), fault))
+            lasts = f" for {fault.seconds:.1f} s" if fault.seconds else ""
+            say(f"{fault.at:6.1f} s  {fault.do} {fault.target}{lasts}")
+            if fault.seconds:
+                at_last.callback(end)
+                timers.append(threading.Timer(fault.seconds, end))
+                at_last.callback(timers[-1].cancel)
+                timers[-1].start()
+        for timer in timers:
+            timer.join()
 
 
 def _begin(fault: Fault, processes: Callable[[], Mapping[str, int]], disk: Path | None) -> Callable[[], None] | None:
@@ -166,7 +169,7 @@ def _begin(fault: Fault, processes: Callable[[], Mapping[str, int]], disk: Path 
     if fault.do == "fill":
         assert disk is not None
         return _fill(disk)
-    process = processes().get(fault.process)
+    process = processes().get(fault.target)
     if process is None:
         return None
     try:
@@ -182,7 +185,7 @@ def _fill(disk: Path) -> Callable[[], None]:
     with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
         while True:
             file.write(block)
-    return filler.unlink
+    return partial(filler.unlink, missing_ok=True)
 
 
 def _let_go_on(process: int) -> None:
@@ -218,7 +221,7 @@ def _whole_again(done: Sequence[tuple[float, Fault]], records: Iterable[Mapping[
     A cell that died twice before it went on counts once, from its first death. What another epoch has settled does not
     count.
     """
-    deaths = [(at, fault.process.removeprefix("node ")) for at, fault in done if fault.do == "kill"]
+    deaths = [(at, fault.target.removeprefix("node ")) for at, fault in done if fault.do == "kill"]
     found = []
     for record in sorted(records, key=lambda record: record["at"]):
         text, at = record["text"], record["at"]
@@ -233,14 +236,18 @@ def _whole_again(done: Sequence[tuple[float, Fault]], records: Iterable[Mapping[
 
 
 def _stood_still(records: Iterable[Mapping[str, Any]]) -> float | None:
-    """Return the longest time from one record to the next one of a later generation, or to the last one."""
+    """Return the longest time from one record to the next one of a later epoch or generation, or to the last one."""
     longest, latest = None, None
     for record in sorted(records, key=lambda record: record["at"]):
         if latest is not None:
             longest = max(longest or 0.0, record["at"] - latest["at"])
-        if latest is None or record["generation"] > latest["generation"]:
+        if latest is None or _progress(record) > _progress(latest):
             latest = record
     return longest
+
+
+def _progress(record: Mapping[str, Any]) -> tuple[int, int]:
+    return record["epoch"], record["generation"]
 
 
 def _repeats(file: ProblemFile, result: Result) -> bool:

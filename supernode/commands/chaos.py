@@ -9,10 +9,8 @@ within one process, and --draw decides everything but the problem.
 
 import argparse
 import contextlib
-import os
 from typing import TYPE_CHECKING
 
-from coordinator.threads import ONE_THREAD
 from supernode import exits
 from supernode.commands.cluster_options import add_force
 from supernode.commands.run_options import add_settings, positive, share, whole
@@ -27,7 +25,6 @@ EXAMPLE = "supernode chaos examples/rastrigin.toml --torus 4x4 --for 20 --draw 7
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the problem, the settings of the run, and the faults."""
-    os.environ.update(ONE_THREAD)  # before numpy is imported: `own_disk` asks for a process of one thread
     add_settings(parser)
     faults = parser.add_argument_group("faults")
     faults.add_argument("--draw", metavar="N", type=whole, default=1, help="the seed of the faults (%(default)s)")
@@ -68,6 +65,8 @@ def _simulate(options: argparse.Namespace) -> int:
     check_library("chaos")
     from supernode.chaos.simulated import campaign
 
+    if options.full_disk is not None:
+        raise BadInput("--full-disk: expected none with --simulate, whose disks fail by themselves")
     file, broken = load(options.problem), 0
     if registry.is_users_own(file.kind):
         raise BadInput(f"{file.name}: kind: expected a built-in kind with --simulate, found {file.kind!r}")
@@ -89,22 +88,33 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _try(options: argparse.Namespace) -> int:
     """Try a real cluster."""
+    from problems.errors import BadInput
+
     if options.full_disk is None:
         return _try_on(None, options)
+    if options.full_disk >= options.length:
+        raise BadInput(f"--full-disk: expected less than --for, {options.length:g}, found {options.full_disk:g}")
+    import os
+    import sys
     import tempfile
     from pathlib import Path
 
+    from coordinator.threads import ONE_THREAD
+
+    if not os.environ.items() >= ONE_THREAD.items():
+        # `own_disk` asks for a process of one thread, and numpy has started others while the arguments were read.
+        os.execve(sys.executable, [sys.executable, "-m", "supernode", *sys.argv[1:]], os.environ | ONE_THREAD)
+
     from lowlevel.namespaces import own_disk
-    from problems.errors import BadInput
 
     with contextlib.ExitStack() as stack:
         disk = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="supernode-disk-")))
         try:
             stack.enter_context(own_disk(disk, _DISK_BYTES))
         except OSError as error:
+            mend = "run it as root, or where users may make user namespaces"
             raise BadInput(
-                f"--full-disk: expected a system that lets you mount a disk in memory, found: {error.strerror}; a user"
-                " with root's rights may"
+                f"--full-disk: expected the right to mount a disk in memory, found {error.strerror!r}; {mend}"
             ) from None
         return _try_on(disk, options)
 

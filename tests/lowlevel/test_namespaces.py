@@ -1,4 +1,4 @@
-"""A process without a network, in a process of its own."""
+"""A process without a network, or with a disk of its own, in a process of its own."""
 
 import os
 import socket
@@ -60,3 +60,31 @@ def test_where_they_are_forbidden_that_is_an_error():
     )
     command = ["unshare", "--user", "--map-root-user", sys.executable, "-c", script]
     assert subprocess.check_output(command, cwd=ROOT, text=True) == "No space left on device\n"
+
+
+DISK = """
+import sys
+from pathlib import Path
+from lowlevel.namespaces import own_disk
+
+folder = Path(sys.argv[1])
+with own_disk(folder, 1 << 20):
+    (folder / "file").write_bytes(bytes(1 << 19))
+    print("ready", flush=True)
+    sys.stdin.readline()
+    try:
+        (folder / "other").write_bytes(bytes(1 << 20))
+    except OSError as error:
+        print(error.strerror)
+print(list(folder.iterdir()))
+"""
+
+
+@needs_namespaces
+def test_a_disk_of_its_own_is_small_and_seen_by_nobody_else(tmp_path):
+    command = [sys.executable, "-c", DISK, str(tmp_path)]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "ready\n"
+        assert list(tmp_path.iterdir()) == []
+        said, _ = process.communicate("\n")
+    assert said == "No space left on device\n[]\n"

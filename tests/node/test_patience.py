@@ -35,7 +35,7 @@ def test_where_each_exchange_takes_long_a_cell_waits_longer():
     patience = Patience()
     patience.begin(0.0, took_over=False)
     for _ in range(12):
-        patience.note(2.0)
+        patience.note(0.0, 2.0)
     assert asked(patience, 0.0, 10.0) == pytest.approx([8.0])
 
 
@@ -44,5 +44,13 @@ def test_one_that_took_long_changes_little(quick, stall):
     patience = Patience()
     patience.begin(0.0, took_over=False)
     for gap in (quick, quick, stall):
-        patience.note(gap)
+        patience.note(0.0, gap)
     assert asked(patience, 0.0, 1.5) == pytest.approx([1.0])
+
+
+def test_a_cell_that_has_waited_long_and_goes_on_asks_in_time_for_the_next_message():
+    patience = Patience()
+    patience.begin(0.0, took_over=False)
+    assert asked(patience, 0.0, 40.0)[-1] == pytest.approx(32.0)
+    patience.note(33.0, 33.0)
+    assert asked(patience, 33.0, 34.5) == pytest.approx([34.0])

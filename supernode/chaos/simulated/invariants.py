@@ -1,6 +1,7 @@
 """What must hold in a simulated cluster at every look, and at the end."""
 
 import json
+import math
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
@@ -14,6 +15,7 @@ from supernode.chaos.simulated.cluster import Cluster
 from supernode.chaos.simulated.plans import Plan
 from supernode.chaos.simulated.world import World
 
+_STANDS_STILL = 10.0  # seconds; lost messages are asked for after a second
 _OF_DEATHS = {"replace", "resume"}  # directives of epochs that began because cells could not go on exactly
 
 
@@ -26,6 +28,9 @@ class Invariants:
         client: the client.
         broken: takes a sentence for each thing that is broken.
         plan: what happens to the cluster, so what jobs may suffer from it.
+
+    Attributes:
+        faults_end: when the last fault is over.
     """
 
     def __init__(self, world: World, cluster: Cluster, client: SimulatedClient, broken: list[str], plan: Plan) -> None:
@@ -36,7 +41,9 @@ class Invariants:
         self._cluster = cluster
         self._client = client
         self._broken = broken
+        self.faults_end = math.inf
         self._seen: set[str] = set()
+        self._reached: dict[int, tuple[tuple[int, int], float]] = {}  # by job, how far its cells are, and since when
 
     def look(self, every: float) -> None:
         """Look now, and then again and again. On the hub."""
@@ -83,6 +90,17 @@ class Invariants:
         for job, there in epochs.items():
             if max(there) - min(there) > 1:
                 self._complain(f"job {job}: epochs {sorted(there)} run at the same time")
+            self._goes_on(job)
+
+    def _goes_on(self, job: int) -> None:
+        """Once the faults are over, the cells of a job never stand still for long."""
+        now, running = self._world.now, [each for _, each in self._running() if each.job == job]
+        far = max(each.epoch for each in running), sum(each.cell.rows.generation for each in running)
+        before, since = self._reached.get(job, (None, now))
+        if far != before:
+            self._reached[job] = far, now
+        elif now - max(since, self.faults_end) > _STANDS_STILL:
+            self._complain(f"job {job} stands still")
 
     def _running(self) -> Iterator[tuple[int, Assignment]]:
         """Yield the nodes that run a cell, and what they are assigned to."""

@@ -106,6 +106,7 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
         for fault in plan.faults:
             last = max(last, ready + fault.at + fault.seconds)
             world.at(ready + fault.at, partial(cluster.suffer, fault))
+        invariants.faults_end = last
         world.at(ready, lambda: invariants.look(_LOOK_EVERY))
         over = world.run(lambda: invariants.all_ended(len(plan.jobs)) and world.now > last, last + _ENDS_WITHIN)
         if over:

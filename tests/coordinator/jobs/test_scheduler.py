@@ -303,11 +303,8 @@ class AnyOrder(RuleBasedStateMachine):
 
     def room(self, client):
         """How many further nodes a client may have."""
-        if self.limits.nodes is None:
-            return self.nodes
-        return self.limits.nodes - sum(
-            len(nodes) for number, nodes in self.running.items() if self.clients[number] == client
-        )
+        has = sum(len(nodes) for number, nodes in self.running.items() if self.clients[number] == client)
+        return self.nodes if self.limits.nodes is None or has == 0 else self.limits.nodes - has
 
     def ahead(self, client):
         """The numbers of a client's jobs that wait, the next one first."""
@@ -459,7 +456,10 @@ def test_a_client_with_as_many_nodes_as_it_may_have_is_passed_over():
     assert scheduler.start() == []
     scheduler.free(0)
     assert [placed.number for placed in scheduler.start()] == [1]
-    with pytest.raises(TooLarge, match=r"^the job asks for 6 cells \(torus 2x3\), one client may have 4 nodes$"):
+    with pytest.raises(
+        TooLarge,
+        match=r"^the job asks for 6 cells \(torus 2x3\), one client may have 4 nodes; expected a smaller --topology$",
+    ):
         scheduler.add(3, 6, "torus 2x3", client="other")
 
 
@@ -469,6 +469,27 @@ def test_a_job_grows_no_further_than_its_client_may():
     scheduler.start()
     assert len(scheduler.extend(1)) == 6
     assert scheduler.extend(1) is None
+
+
+def test_a_job_accepted_when_the_limit_was_higher_runs_alone():
+    scheduler = Scheduler(8, ClientLimits(nodes=4))
+    scheduler.add(1, 6, "torus 2x3", client="one", accepted_before=True)
+    scheduler.add(2, 1, "ring 1", client="one")
+    assert [placed.number for placed in scheduler.start()] == [1]
+    scheduler.free(1)
+    assert [placed.number for placed in scheduler.start()] == [2]
+
+
+def test_a_job_that_waits_for_nodes_to_join_is_not_overtaken():
+    scheduler = Scheduler(16, joining=True)
+    scheduler.join(range(11))
+    scheduler.add(1, 2, "torus 1x2", client="one")
+    scheduler.start()
+    scheduler.add(2, 12, "torus 3x4", client="two")
+    scheduler.add(3, 1, "ring 1", client="three")
+    assert (scheduler.start(), scheduler.extend(1)) == ([], None)
+    scheduler.join(range(11, 16))
+    assert [placed.number for placed in scheduler.start()] == [2, 3]
 
 
 def test_a_coordinator_that_takes_over_knows_what_each_client_has():

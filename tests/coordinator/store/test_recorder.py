@@ -2,10 +2,12 @@
 
 import io
 import json
+import threading
 import time
 from pathlib import Path
 
 import pytest
+from places import until
 from stub_dispatcher import result
 
 import supernode
@@ -15,7 +17,7 @@ from coordinator.store import recorder as module
 from coordinator.store.database import StoreFailed, sqlite_url
 from coordinator.store.job_store import Store
 from coordinator.store.record_book import Keep, RecordBook
-from coordinator.store.recorder import Recorder
+from coordinator.store.recorder import Recorder, log_record
 from coordinator.store.stored_job import Submission
 from problems import BadInput
 from wire.news import Improvement, Statistics
@@ -138,6 +140,27 @@ def test_it_waits_for_a_database_that_is_away(bench, monkeypatch):
         time.sleep(0.01)
     assert bench.settled() == [("a", "preparing")]
     assert bench.said.getvalue().count("store: away") == 1
+
+
+def test_while_the_database_is_away_each_line_of_the_log_is_shown_once(bench, monkeypatch):
+    monkeypatch.setattr(module, "_TRY_AGAIN", 0.01)
+    transaction, away = bench.store.transaction, threading.Event()
+    away.set()
+
+    def fail_while_away():
+        if away.is_set():
+            raise StoreFailed("store: away", passing=True)
+        return transaction()
+
+    monkeypatch.setattr(bench.store, "transaction", fail_while_away)
+    for line in ("first line", "second line"):
+        bench.recorder.logged(log_record("info", line))
+        until(lambda line=line: line in bench.said.getvalue())
+    away.clear()
+    until(lambda: len(RecordBook(bench.store, Keep()).log(None, None, 0)["rows"]) == 2)
+    assert [bench.said.getvalue().count(each) for each in ("first line", "second line", "store: away")] == [1, 1, 1]
+    stored = RecordBook(bench.store, Keep()).log(None, None, 0)
+    assert [row[stored["columns"].index("text")] for row in stored["rows"]] == ["first line", "second line"]
 
 
 def test_an_end_whose_result_cannot_be_written_is_an_end_all_the_same(bench, monkeypatch):

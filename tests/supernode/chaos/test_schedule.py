@@ -13,17 +13,17 @@ def test_a_seed_draws_the_faults(nodes, seconds, at_once, seed):
     assert drawn == sorted(drawn, key=lambda fault: fault.at)
     assert all(1.0 <= fault.at <= max(1.0, seconds) for fault in drawn)
     assert all(0.0 < fault.seconds < 15.0 if fault.do == "stop" else fault.seconds == 0.0 for fault in drawn)
-    assert [fault.process for fault in sorted(drawn, key=lambda fault: fault.process) if fault.process in SPECIAL] == (
+    assert [fault.target for fault in sorted(drawn, key=lambda fault: fault.target) if fault.target in SPECIAL] == (
         sorted(SPECIAL)
     )
-    at_first = [fault.process for fault in drawn if fault.at == 1.0 and fault.process not in SPECIAL]
+    at_first = [fault.target for fault in drawn if fault.at == 1.0 and fault.target not in SPECIAL]
     assert len(set(at_first)) == len(at_first) == round(at_once * nodes)
-    assert {fault.process for fault in drawn} <= {*SPECIAL, *(f"node {node}" for node in range(nodes))}
+    assert {fault.target for fault in drawn} <= {*SPECIAL, *(f"node {node}" for node in range(nodes))}
 
 
 @given(seconds=st.floats(1.0, 90.0), seed=st.integers(0, 9999), full=st.floats(0.1, 30.0))
 def test_the_disk_is_full_once_and_the_other_faults_stay_the_same(seconds, seed, full):
     drawn = faults(9, seconds, 0.25, seed, full)
-    (disk,) = [fault for fault in drawn if fault.process == DISK]
+    (disk,) = [fault for fault in drawn if fault.target == DISK]
     assert (disk.do, disk.seconds) == ("fill", full)
     assert [fault for fault in drawn if fault is not disk] == faults(9, seconds, 0.25, seed)

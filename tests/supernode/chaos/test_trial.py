@@ -1,10 +1,13 @@
 """A trial on real processes: what is done is told, and what was lost would be."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
 from command_line import in_process
+from user_namespaces import needs_namespaces
 
 from spy.result import Result
 from supernode.chaos.report import as_json, in_words
@@ -41,6 +44,30 @@ def test_a_run_that_ends_before_the_faults_is_no_failure(problem, capsys):
     assert out.endswith("lost: nothing\n")
 
 
+@needs_namespaces
+@pytest.mark.timeout(300)
+def test_nothing_is_lost_while_the_disk_is_full(problem):
+    command = [sys.executable, "-m", "supernode", "chaos", problem, "--for", "4", "--draw", "2", "--full-disk", "2"]
+    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    outcome = json.loads(done.stdout)
+    assert {"disk"} < {each["process"] for each in outcome["faults"]}
+    assert (outcome["lost"], outcome["repeats"]) == ([], True)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--full-disk", "9", "--for", "9"], "--full-disk: expected less than --for, 9, found 9"),
+        (["--full-disk", "9", "--simulate"], "--full-disk: expected none with --simulate"),
+    ],
+)
+def test_a_disk_that_cannot_be_full(problem, capsys, options, said):
+    code, _, err = in_process(capsys, "chaos", problem, *options)
+    assert code == 2
+    assert said in err
+
+
 def result(**changed):
     made = Result.__new__(Result)
     for name, value in {
@@ -62,19 +89,21 @@ SOUND = Outcome([(1.0, Fault(1.0, "kill", "node 3"))], result(), [0.2, 0.4], {0:
     ("told", "longest"),
     [
         ([], None),
-        ([(1.0, 5)], None),
-        ([(1.0, 5), (2.0, 6), (5.5, 9)], 3.5),
-        ([(1.0, 5), (2.0, 6), (3.0, 6), (4.0, 6)], 2.0),
+        ([(1.0, 0, 5)], None),
+        ([(1.0, 0, 5), (2.0, 0, 6), (5.5, 0, 9)], 3.5),
+        ([(1.0, 0, 5), (2.0, 0, 6), (3.0, 0, 6), (4.0, 0, 6)], 2.0),
+        ([(1.0, 0, 900), (2.0, 1, 3), (3.0, 1, 40)], 1.0),
     ],
 )
 def test_how_long_it_stood_still(told, longest):
-    assert _stood_still([{"at": at, "generation": generation} for at, generation in told]) == longest
+    records = [{"at": at, "epoch": epoch, "generation": generation} for at, epoch, generation in told]
+    assert _stood_still(records) == longest
 
 
 def test_what_was_lost_is_said():
     assert SOUND.lost == []
     assert "2 dead cells went on exactly" in in_words(SOUND)
-    assert "without a new generation: 1.5 s" in in_words(replace(SOUND, stood_still=1.5))
+    assert "without news of a new generation: 1.5 s" in in_words(replace(SOUND, stood_still=1.5))
     assert as_json(SOUND)["whole_again"] == [0.2, 0.4]
     for wrong, words in (
         ({"result": None}, "did not end"),
