@@ -47,12 +47,13 @@ def test_whoever_has_a_token_for_reading_looks_at_all_and_logs_out(page, shown):
     page.wait_for_selector("#facts >> text=running")
     page.wait_for_selector("#convergence .main-svg")
     assert page.query_selector("#cancel") is None
-    page.click("text=Log out")
+    assert page.complaints == []
+    page.click("text=Log out")  # a request of the page that is under way then may still be refused
     page.wait_for_selector("input[name=token]")
     assert page.context.cookies() == []
     page.goto(shown.home)
     assert page.url == shown.home + "login"
-    assert page.complaints == []
+    assert {each for each in page.complaints if "401 (Unauthorized)" not in each} == set()
 
 
 def test_whoever_has_a_full_token_submits_and_cancels(page, shown, service):
