@@ -1,4 +1,4 @@
-"""What one client of a cluster may take at once, so that it leaves something to others."""
+"""Limits for each client of a cluster: how much it may take at once, so that it leaves something to others."""
 
 from typing import NamedTuple
 

@@ -162,6 +162,7 @@ def _carry_out(
                 timers[-1].start()
         for timer in timers:
             timer.join()
+        at_last.pop_all()  # all have ended by themselves
 
 
 def _begin(fault: Fault, processes: Callable[[], Mapping[str, int]], disk: Path | None) -> Callable[[], None] | None:

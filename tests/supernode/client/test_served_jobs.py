@@ -288,10 +288,9 @@ def test_what_happened_is_kept(service, client):
         (other["at"] - one["at"]) / (other["generation"] - one["generation"])
         for one, other in itertools.pairwise(each_second)
     ]
-    # Both differ much from second to second on a busy machine; the last one is of the short time before the end.
-    exchanges = [each["exchange_seconds"] for each in each_second]
-    assert min(paces) / 3 < max(exchanges)
-    assert min(exchanges) < 3 * max(paces)
+    exchanges = [each["exchange_seconds"] for each in each_second[1:]]
+    # On a busy machine not in each second; the last one is of the short time before the end.
+    assert any(pace / 3 < exchange < 3 * pace for pace, exchange in zip(paces, exchanges, strict=True))
     behind = 4  # each of the four nodes may be one exchange behind its neighbours when it tells
     assert 0 < last["received"] <= 2 * (last["messages"] + behind), "a cell of a torus of 2x2 has two neighbours"
 
