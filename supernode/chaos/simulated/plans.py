@@ -22,6 +22,7 @@ _BACK_WITHIN = 1.0  # seconds from the end of a fault until a process is surely 
 DRAINED_WITHIN = 25.0
 """Seconds from SIGTERM until a host ends whatever jobs need."""
 _SHORTEST_WORK = 0.1e-3  # seconds
+_SOON = 0.2  # seconds, in the mean
 
 
 @dataclass(frozen=True)
@@ -162,9 +163,20 @@ def drawn(seed: int) -> Plan:
     if draw.random() < 0.3:  # many at once
         at = draw.uniform(0.0, length)
         faults += [Fault(at, "kill", f"node {node}") for node in draw.sample(range(nodes), max(1, nodes // 4))]
-    ordered = tuple(sorted(faults, key=lambda fault: fault.at))
     requests = [_drawn_request(draw, len(jobs), length) for _ in range(draw.choice((0, 0, 0, 1, 2)))]
+    if draw.random() < 0.5:
+        faults = _brought_together(draw, faults, [each.at for each in (*jobs, *requests)])
+    ordered = tuple(sorted(faults, key=lambda fault: fault.at))
     return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)
+
+
+def _brought_together(draw: random.Random, faults: list[Fault], others: list[float]) -> list[Fault]:
+    """Return the faults, some of them soon after something else: few would meet what another one causes by chance."""
+    moments = others + [fault.at for fault in faults] + [fault.at + fault.seconds for fault in faults]
+    return [
+        replace(fault, at=draw.choice(moments) + draw.expovariate(1 / _SOON)) if draw.random() < 0.4 else fault
+        for fault in faults
+    ]
 
 
 def _drawn_job(draw: random.Random, topology: str) -> PlannedJob:
