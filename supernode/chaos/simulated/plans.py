@@ -165,7 +165,7 @@ def drawn(seed: int) -> Plan:
         faults += [Fault(at, "kill", f"node {node}") for node in draw.sample(range(nodes), max(1, nodes // 4))]
     requests = [_drawn_request(draw, len(jobs), length) for _ in range(draw.choice((0, 0, 0, 1, 2)))]
     if draw.random() < 0.5:
-        faults = _brought_together(draw, faults, [each.at for each in (*jobs, *requests)])
+        faults = _brought_together(draw, faults, [job.at for job in jobs] + [request.at for request in requests])
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
     return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)
 
