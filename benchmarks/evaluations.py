@@ -16,7 +16,7 @@ import numpy as np
 
 import problems
 from genetics.arrays import Evaluate, Genomes
-from node import Plan
+from node.plan import Plan
 from problems import ProblemFile, registry
 from problems.file import parse
 

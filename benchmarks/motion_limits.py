@@ -19,7 +19,8 @@ from pydantic import ValidationError
 from scipy.interpolate import BSpline, CubicHermiteSpline
 
 from benchmarks.planners.runs import on_all_cores
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, ProblemFile, Run
 from problems.min_time import MinTime, urdf
 from spy.past import best_known

@@ -20,7 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from genetics import BitString, Fitness, Genomes, Recipe
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import Problem, Run
 from problems.tables import RecipeName
 

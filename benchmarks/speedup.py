@@ -31,7 +31,8 @@ from typing import NamedTuple
 import problems
 from coordinator.experiments.comparison import Comparison, compare, first_of, merit, with_restarts
 from coordinator.experiments.statistics import median
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import ProblemFile
 from problems.file import parse
 from spy.past import best_known

@@ -27,7 +27,8 @@ import numpy as np
 import topologies
 from coordinator.experiments.statistics import median
 from genetics import Fitness, Genomes, RealVector, Recipe
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import Problem, Run
 from problems.file import parse
 from problems.tables import RecipeName

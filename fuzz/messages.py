@@ -22,9 +22,11 @@ from problems.file import load
 from problems.modules import Modules
 from spy.past import Past
 from wire import control, jobs
-from wire.exchange import VERSION, Champion, Limits, Messages
+from wire.champion import Champion
+from wire.exchange import VERSION, Messages
 from wire.hosts import Host
 from wire.keys import Keys
+from wire.limits import Limits
 from wire.news import Counters, Improvement, LogRecord, Statistics
 from wire.report import Birth, Proposal, Report, Staleness
 from wire.strict import Rejected

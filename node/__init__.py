@@ -13,9 +13,3 @@ Read `cell` first, then `events`, `engine` and `driver`.
 - Without nodes: `simulation` runs an epoch in one process, `replay` all epochs of a recorded run; `fingerprint` is what
   a replay depends on.
 """
-
-from node.cell import Cell
-from node.plan import Plan
-from node.simulation import simulate
-
-__all__ = ["Cell", "Plan", "simulate"]

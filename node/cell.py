@@ -46,7 +46,7 @@ from node.stimuli import Stimuli
 from problems import EvaluationFailed
 from problems.guard import reported
 from topologies import ROOT
-from wire.exchange import Champion
+from wire.champion import Champion
 from wire.exchange_layout import EPOCH, JOB, NEVER, SENT
 from wire.report import Birth, Reason, Report, Staleness
 from wire.takeover import KeptStates

@@ -4,12 +4,12 @@ import platform
 from functools import cache
 from importlib.metadata import version
 
-from lowlevel.compiled import processor
-
 
 @cache
 def fingerprint() -> dict[str, str]:
     """Return the versions of this process's software, and its processor, for which LLVM generates code."""
+    from lowlevel.compiled import processor  # not above: numba takes half a second, and most commands need none
+
     return {
         "supernode": version("supernode"),
         "python": platform.python_version(),

@@ -10,12 +10,12 @@ import topologies
 from genetics.arrays import Cells, Evaluate, Genomes
 from genetics.coding import Coding, Keys
 from genetics.recipe import Recipe, evaluations_per_generation
-from node.engine.state import most_state_bytes, state_bytes
+from node.engine.state_size import most_state_bytes, state_bytes
 from problems import Problem, ProblemFile, Run
 from problems.guard import guarded, next_attempt, solved_at, solved_when
 from problems.run import DEFAULT_RESTARTS, DEFAULT_STALL
 from topologies import Topology
-from wire.exchange import Limits
+from wire.limits import Limits
 
 _GOLDEN = 0x9E3779B97F4A7C15  # 2^64 divided by the golden ratio: multiples of it are spread evenly
 

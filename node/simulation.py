@@ -20,7 +20,8 @@ from node.events import Action, Event, Message, Propose, Publish, Start
 from node.plan import Plan
 from problems.guard import reported
 from topologies import ROOT
-from wire.exchange import Champion, Messages
+from wire.champion import Champion
+from wire.exchange import Messages
 from wire.exchange_layout import BIRTHPLACE, BORN
 from wire.exchange_reader import hear_emigrants_only
 from wire.report import Birth, Proposal, Reason, Report, Staleness

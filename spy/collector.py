@@ -8,7 +8,7 @@ from genetics import Genomes
 from node.plan import Plan
 from problems import BadInput, EvaluationFailed
 from problems.guard import checked, decoded
-from wire.exchange import Champion
+from wire.champion import Champion
 from wire.news import Improvement
 
 _ROUNDING = 1e-9  # tolerance, relative and absolute, between a cell's fitness and the spy's

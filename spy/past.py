@@ -14,7 +14,7 @@ from typing import Any
 import topologies
 from problems import ProblemFile
 from topologies import ROOT
-from wire.exchange import Champion
+from wire.champion import Champion
 from wire.report import Report, Staleness
 from wire.strict import Rejected, count, fields, of
 

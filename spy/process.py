@@ -32,8 +32,9 @@ from spy.verification import verify
 from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
+from wire.champion import Champion
 from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused, Wiring
-from wire.exchange import Champion, Messages
+from wire.exchange import Messages
 from wire.news import Counters, Improvement
 from wire.seal import Seal
 from wire.strict import Rejected

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import topologies
 from problems import Run
+from spy.judgement import Judgement, Status
 from spy.past import Lived, Past, stopped_after
-from spy.verification import Judgement, Status
 from topologies import Topology
 from wire.news import Improvement
 from wire.report import Reason, Report, Staleness

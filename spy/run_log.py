@@ -16,8 +16,8 @@ from typing import Any
 
 from problems import BadInput, Run
 from spy.improvement_records import ImprovementRecord, worth_telling
+from spy.judgement import Judgement
 from spy.least_improvement import LEAST
-from spy.verification import Judgement
 from topologies import Topology
 from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain

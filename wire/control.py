@@ -23,7 +23,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
-from wire.exchange import VERSION, Champion
+from wire.champion import Champion
+from wire.exchange_layout import VERSION
 from wire.report import Reason, reason_of
 from wire.strict import Kind, Rejected, count, fields, of, pack, table, unpack
 from wire.takeover import KeptStates, Takeover

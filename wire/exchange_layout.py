@@ -11,7 +11,6 @@ a process that takes the sender's place. Here it is bytes of any content.
 """
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 Header = NDArray[np.int64]  # (..., HEADER)
@@ -59,4 +58,3 @@ ARRAY_16 = 0xDC
 BIN_32 = 0xC6
 FIELDS = 8  # without a state
 STATE_HEAD = 5  # bytes before a state
-PAYLOAD = types.Bytes(types.uint8, 1, "C", readonly=True)  # a Python bytes object, for signatures

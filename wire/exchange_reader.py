@@ -38,7 +38,6 @@ from wire.exchange_layout import (
     NOT_MSGPACK,
     OTHER_VERSION,
     OUT_OF_BOUNDS,
-    PAYLOAD,
     SENT,
     STOP_AT,
     TOO_LONG,
@@ -49,6 +48,9 @@ from wire.exchange_layout import (
     WRONG_TYPE,
     Header,
 )
+
+PAYLOAD = types.Bytes(types.uint8, 1, "C", readonly=True)
+"""A Python bytes object, for signatures of kernels."""
 
 
 # Each reader takes the position ``at`` of a value and returns the position of the next one, after the value itself if

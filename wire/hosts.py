@@ -8,7 +8,7 @@ of the host's nodes, and as the host's answer to a coordinator that starts later
 from dataclasses import dataclass, replace
 from typing import Self
 
-from wire.exchange import VERSION
+from wire.exchange_layout import VERSION
 from wire.strict import Rejected, count, fields, of, pack, unpack
 
 MOST_NODES = 4096  # on one host

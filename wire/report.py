@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
-from wire.exchange import Champion
+from wire.champion import Champion
 from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 
 Reason = Literal["target", "stall", "deadline", "cancel", "update", "infeasible"]

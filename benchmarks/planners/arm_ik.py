@@ -15,7 +15,8 @@ from benchmarks.arm_worlds import arm_world
 from benchmarks.planners.runs import on_all_cores, share
 from genetics import Fitness, Genomes
 from genetics.arrays import Evaluate
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import Run
 from problems.arm_ik.oracle import enumerate_best
 from problems.run import DEFAULT_STALL

@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks.planners.runs import Outcome, on_all_cores, run
 from genetics import Genomes
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import ProblemFile, Run, load
 from problems.coordination import Coordination
 

@@ -13,7 +13,7 @@ import supernode
 from benchmarks.planners import ompl_run, ompl_se2
 from benchmarks.planners.runs import Outcome, on_all_cores, run, share
 from benchmarks.robot_worlds import robot_world
-from node import Plan
+from node.plan import Plan
 from problems import Answer, ProblemFile
 
 WORLDS = 200

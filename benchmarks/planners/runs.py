@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
-from node import Plan, simulate
+from node.plan import Plan
 from node.replay import epochs_of
+from node.simulation import simulate
 from problems import Problem, ProblemFile, Run
 from problems.problem import Solution
 from spy.collector import Collector
+from spy.judgement import Status
 from spy.past import best_known, stopped_after
 from spy.result import states_of, stop_reasons
-from spy.verification import Status, verify
+from spy.verification import verify
 from supernode.runs.simulation import Simulation
 
 Task = TypeVar("Task")

@@ -17,7 +17,8 @@ import numpy as np
 from benchmarks.planners.runs import on_all_cores, run, share
 from benchmarks.terrain_worlds import terrain_world, with_obstacles_on
 from genetics import Genomes
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import RecipeName, Run
 from problems.terrain import Terrain
 from problems.terrain.replanning import led_on

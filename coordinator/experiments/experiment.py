@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
-from node import Plan
+from node.plan import Plan
 from problems import BadInput, ProblemFile, Run
 from topologies import torus_of
 

@@ -11,16 +11,16 @@ from pathlib import Path
 from coordinator.experiments.experiment import Case
 from coordinator.experiments.journal import Record
 from coordinator.launch.cluster import LocalCluster
-from node import Plan, simulate
 from node.fingerprint import fingerprint
-from node.simulation import StopRequest
+from node.plan import Plan
+from node.simulation import StopRequest, simulate
 from problems import ProblemFile
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
 from spy.past import Lived, Past, best_known, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
 from spy.verification import verify
-from wire.exchange import Champion
+from wire.champion import Champion
 from wire.news import Improvement
 
 _CPU_IN_ONE_PROCESS = ("cpu_seconds", "node_cpu_seconds", "critical_cpu_seconds")

@@ -11,7 +11,7 @@ from coordinator.jobs.replacing import Replacing
 from node.plan import retry
 from problems import BadInput
 from problems.errors import blaming_the_update
-from spy.verification import Judgement
+from spy.judgement import Judgement
 
 
 class Changing:

@@ -28,9 +28,9 @@ from coordinator.jobs.replacing import Replacing
 from coordinator.jobs.resuming import Resuming
 from coordinator.jobs.running import EVAL_TIMEOUT, Running
 from problems import BadInput
+from spy.judgement import Judgement
 from spy.past import Lived
 from spy.result import Clocks, Result, result_of
-from spy.verification import Judgement
 from wire.keys import Keys
 from wire.seal import Seal
 

@@ -9,9 +9,9 @@ from coordinator.errors import ClusterFailed
 from coordinator.jobs.calls import GivenUpError
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.job import StopRequest
+from spy.judgement import STATUS_OF, Judgement
 from spy.past import stopped_after
 from spy.result import states_of, stop_reasons
-from spy.verification import STATUS_OF, Judgement
 from topologies import ROOT
 from wire.control import Drop, Finish, Judged
 from wire.report import Proposal

@@ -8,7 +8,6 @@ from coordinator.jobs.checkpoint import Checkpoint
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.preparing import Preparing
-from node.engine.stored_state import of_job, report_of
 from problems import BadInput, ProblemFile
 from topologies import Topology, Torus
 from wire.control import Wiring
@@ -68,6 +67,8 @@ class Resuming:
             self._preparing.prepare(same)
             self._begin(same)
         elif file.run.topology == checkpoint.file.run.topology and file.run.mode == "lockstep":
+            from node.engine.stored_state import of_job  # not above: it loads compiled code, and few jobs are resumed
+
             states = [of_job(state, job.number) for _, state in checkpoint.states]
             takeovers = {cell: Takeover(checkpoint.states[cell][0], state, False) for cell, state in enumerate(states)}
             self._preparing.prepare_again(same, takeovers)
@@ -79,6 +80,8 @@ class Resuming:
 
     def _go_on_elsewhere(self, checkpoint: Checkpoint, before: Epoch, file: ProblemFile, wiring: Wiring) -> None:
         """Begin another epoch, in which each cell has the deme of a cell of the checkpoint."""
+        from node.engine.stored_state import report_of  # not above, see `_go_on`
+
         job, run = self._job, checkpoint.file.run
         old, new = topologies.parse(run.topology), topologies.parse(file.run.topology)
         before.wiring = Wiring(0, tuple(range(old.cells)))

@@ -6,8 +6,8 @@ for the simulator, which breeds many cells at once. `kernels` has what both shar
 improvements.
 
 `inbox` and `outbox` hold the messages of the neighbours and those of the cell; `history` digests each generation.
-`cell_table` and `layout` say where compiled code finds a cell's arrays; `flags` are what a generation reports beside
-its message.
+`cell_table` and `layout` say where compiled code finds a cell's arrays; `state` is a cell's state as bytes,
+`state_size` how long that is; `flags` are what a generation reports beside its message.
 
 Pure: no input, no output, no clock, and no thread of its own. `node.cell` and the simulator use it.
 """

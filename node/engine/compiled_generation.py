@@ -31,7 +31,8 @@ from node.engine.rows import Rows
 from node.engine.rule import finish, is_missing_any, make_couples, replace
 from node.plan import Plan
 from problems import EvaluationFailed
-from wire.exchange_layout import PAYLOAD, SENT
+from wire.exchange_layout import SENT
+from wire.exchange_reader import PAYLOAD
 
 
 @subroutine

@@ -31,7 +31,8 @@ from node.engine.rule import (
     record_and_publish,
     replace,
 )
-from node.engine.state import LEAST_DISTANCE, read_state
+from node.engine.state import read_state
+from node.engine.state_size import LEAST_DISTANCE
 from node.plan import Plan
 from problems import EvaluationFailed
 from wire.exchange_layout import EPOCH, GENERATION, JOB, STOP_AT

@@ -26,8 +26,8 @@ from node.engine.layout import RowLayout, TableLayout
 from node.plan import Plan
 from topologies import first_neighbour
 from wire.exchange import Messages
-from wire.exchange_layout import EPOCH, GENERATION, JOB, PAYLOAD, SENT
-from wire.exchange_reader import only_emigrants, read_message, state_at
+from wire.exchange_layout import EPOCH, GENERATION, JOB, SENT
+from wire.exchange_reader import PAYLOAD, only_emigrants, read_message, state_at
 from wire.report import Staleness
 
 # What an inbox counts.

@@ -7,7 +7,7 @@ from an older state, and needs all messages since (`node.engine.state`).
 import numpy as np
 
 from node.engine.ring import Ring
-from node.engine.state import LEAST_DISTANCE
+from node.engine.state_size import LEAST_DISTANCE
 
 BYTES = 12 << 10
 """Room for messages, unless fewer than `_AT_LEAST` of the longest ones fit in."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from node.engine.history import digests_of
 from node.engine.sha256 import STATE
-from node.engine.state import MOST_IMPROVEMENTS, bytes_without_genomes
+from node.engine.state_size import MOST_IMPROVEMENTS, bytes_without_genomes
 from wire.exchange_layout import EVALUATIONS, GENERATION, HEADER, JOB, SENT
 from wire.report import Birth, Report, Staleness
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from node.replay import Epoch
     from node.simulation import StopRequest
     from spy.improvement_records import ImprovementRecord
+    from spy.judgement import Judgement
     from spy.run_log import RunLog
     from spy.terminal import Terminal
-    from spy.verification import Judgement
     from supernode.runs.simulation import Listener
     from wire.news import Improvement
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 from coordinator.launch.launcher import ServiceOptions
-from coordinator.store.database import url_in
 from problems.errors import BadInput
 from supernode.deploy.engine_cluster import EngineCluster
 
@@ -47,6 +46,7 @@ def start_on(
             given_up=given_up,
         )
     if scheme == "ssh" and place:
+        from coordinator.store.database import url_in
         from supernode.deploy.ssh_cluster import SshCluster
 
         assert service.state is not None, "`up` has one"

@@ -24,10 +24,11 @@ from problems import BadInput, EvaluationFailed, Problem, ProblemFile, registry
 from problems.in_memory import InMemoryProblem, file_of
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
+from spy.judgement import Judgement
 from spy.past import Lived, Past, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
-from spy.verification import Judgement, verify
-from wire.exchange import Champion
+from spy.verification import verify
+from wire.champion import Champion
 from wire.news import Improvement
 from wire.report import Proposal, Reason, Report
 

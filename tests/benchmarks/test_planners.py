@@ -11,7 +11,8 @@ from benchmarks.planners import arm_ik, mobile_robot, ompl_run, ompl_se2
 from benchmarks.planners.__main__ import with_section
 from benchmarks.planners.runs import on_all_cores, run, share
 from benchmarks.robot_worlds import robot_world
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import load, registry
 from problems.arm_ik.oracle import enumerate_best
 from problems.mobile_robot.checker import objection_to

@@ -13,8 +13,10 @@ from lists import Lists, items_of
 from genetics import BitString, Permutation, RealVector
 from genetics.coding import Alphabet
 from lowlevel.compiled import kernel
-from wire.exchange import NEVER, VERSION, Champion, Limits, Messages, most_bytes
+from wire.champion import Champion
+from wire.exchange import NEVER, VERSION, Messages
 from wire.exchange_writer import write_message
+from wire.limits import Limits, most_bytes
 from wire.strict import Rejected
 
 

@@ -1,6 +1,6 @@
 """Plans of functions with a compiled fitness, of each coding."""
 
-from node import Plan
+from node.plan import Plan
 from problems import Run
 from problems.function import Function
 

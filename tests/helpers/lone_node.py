@@ -3,8 +3,8 @@
 import math
 from types import SimpleNamespace
 
-from node import Cell
 from node.assignment import Assignment
+from node.cell import Cell
 from node.driver import Driver, make_fast_path
 from node.events import Start
 from node.telemetry import Telemetry

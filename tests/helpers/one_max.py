@@ -3,7 +3,7 @@
 import numpy as np
 
 from genetics import BitString
-from node import Cell, Plan
+from node.cell import Cell
 from node.events import (
     Answer,
     Answered,
@@ -16,6 +16,7 @@ from node.events import (
     Start,
     Waited,
 )
+from node.plan import Plan
 from problems import Problem, Run
 from wire.report import Report
 

@@ -196,7 +196,8 @@ def test_compiled_code_and_its_constants_are_one_mapping_and_run_as_before():
 import json, pathlib
 import numba
 from lowlevel import fork_memory
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems.file import parse
 from problems.registry import warm_up
 

@@ -3,7 +3,7 @@
 import pytest
 from valid_cells import validate
 
-from node import Cell
+from node.cell import Cell
 
 
 @pytest.fixture(autouse=True)

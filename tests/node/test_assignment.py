@@ -7,10 +7,11 @@ import pytest
 from one_max import plan_of
 
 from lowlevel import capabilities
-from node import Cell, Plan
 from node.assignment import Assignment
+from node.cell import Cell
 from node.cpu_affinity import LONG
 from node.events import Halt, Start
+from node.plan import Plan
 from problems import Run
 from problems.function import Function
 from wire.control import Wiring

@@ -3,7 +3,7 @@
 import pytest
 from one_max import OneMax
 
-from node import Plan
+from node.plan import Plan
 from problems import BadInput, Run
 
 

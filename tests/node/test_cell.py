@@ -7,10 +7,12 @@ import pytest
 from exchanges import Emigrant, decode
 from one_max import Bus, OneMax, plan_of
 
-from node import Cell, Plan
+from node.cell import Cell
 from node.events import Answer, Answered, Ask, Asked, Complain, Halt, Propose, Publish, Start, Waited
+from node.plan import Plan
 from problems import Run
-from wire.exchange import NEVER, Champion
+from wire.champion import Champion
+from wire.exchange import NEVER
 from wire.report import Report
 
 

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import pytest
 from lone_node import LoneNode
 
-from node import Cell, Plan
 from node.assignment import MANY_UNREAD, Assignment
+from node.cell import Cell
 from node.driver import MOST_UNREAD
 from node.events import Answered, Ask, Publish, Start, Waited
+from node.plan import Plan
 from problems import Run
 from problems.function import Function
 from wire.control import Wiring

@@ -12,10 +12,12 @@ from functions import DEMES, PROBLEMS, plan_of
 from lone_node import LoneNode
 
 from lowlevel import capabilities
-from node import Cell, Plan, simulate
 from node.assignment import MANY_UNREAD, Coming
+from node.cell import Cell
 from node.core_token import CoreToken
 from node.events import Ask, Complain, Start, Waited
+from node.plan import Plan
+from node.simulation import simulate
 from problems import Run
 from problems.function import Function
 from wire.report import Report

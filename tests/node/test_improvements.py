@@ -5,9 +5,9 @@ import pytest
 from numba import njit
 from one_max import Bus, plan_of
 
-from node import simulate
 from node.engine import rows
 from node.engine.kernels import NOTED_ALL, is_noted
+from node.simulation import simulate
 from problems import ProblemFile
 from spy.improvement_records import records_of
 from spy.past import Lived, Past

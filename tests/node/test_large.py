@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from genetics import breeding
-from node import simulate
 from node.engine.history import History
 from node.plan import Plan
+from node.simulation import simulate
 from problems.file import parse
 
 LARGE = "torus 100x90"  # more rows than any block has

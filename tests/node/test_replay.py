@@ -6,8 +6,9 @@ import hashlib
 import numpy as np
 import pytest
 
-from node import Plan, simulate
+from node.plan import Plan
 from node.replay import epochs_of, replay
+from node.simulation import simulate
 from problems import BadInput, EvaluationFailed, load
 
 FUNCTION = """

@@ -3,8 +3,8 @@
 import numpy as np
 from one_max import plan_of
 
-from node import simulate
 from node.engine.rows import Rows
+from node.simulation import simulate
 from wire.exchange import Messages
 
 

@@ -3,7 +3,7 @@
 import pytest
 from one_max import plan_of
 
-from node import simulate
+from node.simulation import simulate
 from wire.report import Staleness
 
 NONE = Staleness(0, 0, 0, 0)

@@ -5,7 +5,7 @@ import pytest
 from one_max import plan_of
 from valid_cells import validate
 
-from node import Cell
+from node.cell import Cell
 from node.events import Answered, Asked, Propose, Start, Waited
 from node.stimuli import _KEPT, Stimuli
 

@@ -5,7 +5,7 @@ import random
 import pytest
 from one_max import Bus, plan_of
 
-from node import simulate
+from node.simulation import simulate
 
 SHAPES = ["torus 1x1", "torus 1x2", "torus 2x2", "torus 1x5", "torus 3x5", "torus 4x4"]
 ENDS = {

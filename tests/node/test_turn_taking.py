@@ -4,10 +4,11 @@ from types import SimpleNamespace
 
 import msgpack
 
-from node import Cell, Plan
 from node.assignment import Assignment
+from node.cell import Cell
 from node.core_token import CoreToken
 from node.events import Halt, Publish, Start
+from node.plan import Plan
 from node.turn_taking import TurnTaking
 from problems import Run
 from problems.function import Function

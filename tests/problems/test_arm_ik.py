@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 import supernode
 from genetics import Recipe
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, ProblemFile, Run, load
 from problems.arm_ik import ArmIk, checker
 from problems.arm_ik.oracle import enumerate_best, solve_locally

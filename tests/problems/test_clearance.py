@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import Run
 from problems.arm_ik import ArmIk
 from problems.arm_path import ArmPath

@@ -15,7 +15,8 @@ import pytest
 from one_max import Bus
 
 import supernode
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import registry
 from problems.file import parse
 from spy.collector import Collector
@@ -250,7 +251,8 @@ def test_a_forked_node_has_all_that_it_needs(kind):
         "import json, sys\n"
         "from coordinator.launch.imports import import_all; import node.process; import_all(sys.argv[1:])\n"
         "from problems.file import ProblemFile\n"
-        "from node import Plan, simulate\n"
+        "from node.plan import Plan\n"
+        "from node.simulation import simulate\n"
         "from node.fingerprint import fingerprint\n"
         "texts = json.load(sys.stdin)\n"
         "files = [ProblemFile.from_json(text).with_run(generations=2, target=-1.0) for text in texts]\n"

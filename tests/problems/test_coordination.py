@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from genetics import Keys, Recipe
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, ProblemFile, Run, load
 from problems.coordination import Coordination, arms, checker
 from problems.coordination.arms import Robot

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from genetics import BitString, Keys, RealVector
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, load
 from problems.file import parse
 from problems.function import Function, kernels

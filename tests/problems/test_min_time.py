@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from timed_arms import DIAGONAL, genome_of, genomes_of, problem_of, spoiled, time_of
 
 from genetics import Keys, Recipe
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, ProblemFile, Run, load
 from problems.file import parse
 from problems.min_time import MinTime, checker, oracle

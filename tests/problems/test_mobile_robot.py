@@ -14,7 +14,8 @@ from scipy import ndimage
 
 from benchmarks.robot_worlds import narrow_door_world
 from genetics import Recipe
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, ProblemFile, Run, load
 from problems.file import parse
 from problems.mobile_robot import MobileRobot

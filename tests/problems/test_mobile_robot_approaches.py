@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from benchmarks.robot_worlds import three_room_world
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import Run
 from problems.mobile_robot import MobileRobot
 from problems.mobile_robot.approach_kernels import LONGEST

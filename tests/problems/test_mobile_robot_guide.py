@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, ProblemFile, Run
 from problems.mobile_robot import MobileRobot, guide_kernels
 from problems.mobile_robot.arrays import floor_arrays

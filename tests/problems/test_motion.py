@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from rooms import EMPTY_ROOM
 
 import supernode
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import EvaluationFailed
 from problems.file import parse
 from problems.guard import moved

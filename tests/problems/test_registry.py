@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from coordinator.service.checking import is_own
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, load, registry
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,7 +13,8 @@ from small_robots import LIMITS, crane
 
 import supernode
 from genetics import Keys
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems.errors import BadInput
 from problems.robot_ik import RobotIk
 from problems.robot_ik.checker import proof_of

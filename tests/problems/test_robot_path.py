@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from jointed_robots import FIELDS, WALL, chain, file_of, genomes_of, offspring_of, problem_of
 from matplotlib.figure import Figure
 
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput
 from problems.motion import Pace
 from problems.robot_path import RobotPath, checker, oracle

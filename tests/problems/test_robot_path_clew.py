@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from jointed_robots import file_of
 
 from genetics import Keys
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import Run
 from problems.robot_path import checker
 from problems.robot_path.clew import MOST_LANDMARKS, ROUNDS

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from genetics import Keys
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import ProblemFile, Run
 from problems.plane import CONTACT
 from problems.sphere_path import SpherePath, making

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from scipy import optimize
 
 from genetics import Keys
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, ProblemFile, Run, load
 from problems.file import parse
 from problems.plane import CONTACT

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.terrain_worlds import terrain_world, with_obstacles_on
 from genetics import Keys, Recipe
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import BadInput, Run, load
 from problems.file import parse
 from problems.terrain import Terrain, movingai

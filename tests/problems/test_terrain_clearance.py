@@ -12,7 +12,8 @@ from pydantic import ValidationError
 
 from benchmarks.terrain_worlds import terrain_world
 from genetics import Keys
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems import Run
 from problems.terrain import Terrain
 from problems.terrain.replanning import led_on

@@ -8,7 +8,7 @@ from problems import ProblemFile, Run
 from spy.improvement_records import ImprovementRecord, records_of, worth_telling
 from spy.least_improvement import is_worth_telling
 from spy.past import Lived, Past
-from wire.exchange import Champion
+from wire.champion import Champion
 from wire.report import Birth, Report, Staleness
 
 

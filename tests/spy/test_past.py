@@ -6,10 +6,10 @@ import pytest
 
 from problems import ProblemFile, Run
 from spy import past as of_past
+from spy.judgement import Judgement
 from spy.past import Lived, Past
 from spy.result import Clocks, result_of
-from spy.verification import Judgement
-from wire.exchange import Champion
+from wire.champion import Champion
 from wire.report import Report, Staleness
 
 

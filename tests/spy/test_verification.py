@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from one_max import OneMax, plan_of
 
-from node import Plan
+from node.plan import Plan
 from problems import BadInput, Clearance, ProblemFile, Run, Verdict
 from spy.collector import Collector
+from spy.judgement import Judgement
 from spy.past import Lived, Past, best_known, stopped_after
 from spy.result import Clocks, result_of, stop_reasons
 from spy.run_log import RunLog
-from spy.verification import Judgement, verify
+from spy.verification import verify
+from wire.champion import Champion
 from wire.control import decode_answer, encode_answer
-from wire.exchange import Champion
 from wire.news import Improvement
 from wire.report import Proposal, Report, Staleness
 

@@ -13,7 +13,8 @@ import pytest
 
 import supernode
 from genetics import Keys
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from problems.robot_path.coding_kernels import Collisions
 from spy.past import best_known
 

@@ -27,7 +27,8 @@ from exchanges import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wire.exchange import REASONS, VERSION, Champion
+from wire.champion import Champion
+from wire.exchange import REASONS, VERSION
 from wire.strict import Rejected
 
 

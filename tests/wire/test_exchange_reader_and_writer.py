@@ -32,7 +32,8 @@ from exchanges import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wire.exchange import NEVER, REASONS, VERSION, Champion, Messages
+from wire.champion import Champion
+from wire.exchange import NEVER, REASONS, VERSION, Messages
 from wire.exchange_layout import BIRTHPLACE, BORN, GENERATION
 from wire.exchange_reader import hear_emigrants_only
 from wire.strict import Rejected

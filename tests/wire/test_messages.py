@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wire import control
+from wire.champion import Champion
 from wire.control import (
     Answer,
     Begin,
@@ -28,7 +29,7 @@ from wire.control import (
     TellStates,
     Wiring,
 )
-from wire.exchange import VERSION, Champion
+from wire.exchange import VERSION
 from wire.news import LEVELS, Counters, Improvement, LogRecord, Statistics
 from wire.report import MOST_BIRTHS, Birth, Proposal, Reason, Report, Staleness
 from wire.strict import Rejected

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coordinator.jobs.states import ENDS, TRANSITIONS, State, WrongTransition, follow, state_of
-from spy.verification import Status
+from spy.judgement import Status
 
 STATES = get_args(State)
 

@@ -10,7 +10,7 @@ from one_max import AskingBus, plan_of
 
 import topologies
 from coordinator.jobs.recovering import choose_states, least_stop
-from node import Cell
+from node.cell import Cell
 from node.events import Propose, Start
 from node.simulation import simulate
 from wire.takeover import KeptStates, Takeover

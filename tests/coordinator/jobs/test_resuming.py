@@ -18,7 +18,7 @@ from coordinator.jobs.checkpoint import Checkpoint
 from coordinator.jobs.checkpointing import consistent_states
 from coordinator.jobs.resuming import donor_of
 from coordinator.store.checkpoint_folder import CheckpointFolder
-from node import Cell
+from node.cell import Cell
 from node.events import Start
 from node.simulation import simulate
 from problems.file import parse

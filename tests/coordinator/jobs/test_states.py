@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 import supernode
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from spy.collector import Collector
 from spy.past import best_known, stopped_after
 from spy.result import states_of, stop_reasons

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 import supernode
-from node import Plan, simulate
+from node.plan import Plan
+from node.simulation import simulate
 from spy.improvement_records import records_of
 from spy.past import Lived, Past
 from spy.result import Result

@@ -11,8 +11,9 @@ import pytest
 from places import PATIENCE, ROOT, free_port, places, until
 
 import supernode
-from node import Plan, simulate
+from node.plan import Plan
 from node.replay import replay
+from node.simulation import simulate
 from supernode.__main__ import main
 from wire import sessions
 from wire.keys import Keys

@@ -15,9 +15,10 @@ from genetics import Recipe
 from genetics.operators import FITNESS, Operator
 from lowlevel import capabilities
 from lowlevel.pointers import integers
-from node import Plan, simulate
 from node.cell import Cell
 from node.events import Publish, Start
+from node.plan import Plan
+from node.simulation import simulate
 from problems import Run
 from problems.function import Function
 from wire.report import Report

@@ -10,7 +10,7 @@ from one_max import plan_of
 
 from node.engine.inbox import NEXT, Inbox, next_exchange
 from node.engine.kernels import PUBLISHED, note_staleness
-from wire.exchange import Champion
+from wire.champion import Champion
 from wire.report import Staleness
 from wire.strict import Rejected
 

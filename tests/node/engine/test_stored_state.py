@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 from one_max import plan_of
 
-from node import Cell
+from node.cell import Cell
+from node.engine import sha256, state_size
 from node.engine.stored_state import of_job, report_of
 from node.events import AskedForStates, Start
 from node.simulation import simulate
@@ -43,6 +44,10 @@ def test_it_says_what_the_cell_would_report(settings):
         unknown = {"champion": None, "received": 0, "staleness": Staleness(0, 0, 0, 0), "proposals": (), "state": b""}
         # A cell that goes on has sent one message more.
         assert report == dataclasses.replace(expected, sent=expected.sent + 1, **unknown)
+
+
+def test_the_size_counts_a_digest_as_it_is():
+    assert state_size._SHA256 == sha256.STATE
 
 
 def test_one_of_another_size_is_refused():

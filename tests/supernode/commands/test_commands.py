@@ -62,6 +62,21 @@ def test_help_imports_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", script], capture_output=True, check=False).returncode == 0
 
 
+@pytest.mark.parametrize(
+    "module",
+    [
+        "coordinator.service.process",
+        "supernode.launch.own_cluster",
+        "supernode.launch.supervisor",
+        "coordinator.launch.host",
+    ],
+)
+def test_who_never_breeds_loads_no_compiled_code(module):
+    """It takes more than half a second, in which a cluster starts or a coordinator is replaced."""
+    script = f"import sys, {module}; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+
+
 def test_version(capsys):
     code, out, _ = in_process(capsys, "--version")
     assert (code, out.split()[0]) == (0, "supernode")

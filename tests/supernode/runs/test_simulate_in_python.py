@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import supernode
-from node import Plan
+from node.plan import Plan
 from node.simulation import simulate as simulate_cells
 from supernode.__main__ import main
 
