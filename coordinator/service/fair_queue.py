@@ -1,5 +1,6 @@
 """A queue in which no client holds up another: their requests are taken in turns, however many one of them sends."""
 
+import math
 import threading
 import time
 from collections import Counter, OrderedDict, deque
@@ -36,7 +37,8 @@ class FairQueue(Generic[_Item]):
         most: how many items of one client may wait.
         most_bytes: how many bytes they may hold; one alone may hold more.
         shares: how much processor time one client's items may take, as far as it is `charged`.
-        is_limited: which clients ``shares`` holds for.
+        is_limited: which clients ``shares`` and ``most_at_once`` hold for.
+        most_at_once: how many items of one client may be under way, from `take` to the end of `charged`.
     """
 
     def __init__(
@@ -45,12 +47,15 @@ class FairQueue(Generic[_Item]):
         most_bytes: int = 64 << 20,
         shares: Shares = _ALL,
         is_limited: Callable[[str], bool] = lambda _: True,
+        most_at_once: float = math.inf,
     ) -> None:
         self._most = most
         self._most_bytes = most_bytes
         self._bytes: Counter[str] = Counter()  # of the items that wait, by client
         self._shares = shares
         self._is_limited = is_limited
+        self._most_at_once = most_at_once
+        self._under_way: Counter[str] = Counter()  # items that were taken and are not charged yet, by client
         self._heard: dict[str, float] = {}  # when each client asked last, if that was lately
         self._free_from: dict[str, float] = {}  # when each client's items may be taken again, if it was charged lately
         self._changed = threading.Condition()
@@ -82,12 +87,17 @@ class FairQueue(Generic[_Item]):
 
     @contextmanager
     def charged(self, client: str) -> Iterator[None]:
-        """Charge a client with the processor time that this thread uses while the context is open."""
+        """Charge a client with the processor time that this thread uses while the context is open, for one item."""
         began = time.thread_time()
         try:
             yield
         finally:
             self.charge(client, time.thread_time() - began)
+            with self._changed:
+                self._under_way[client] -= 1
+                if self._under_way[client] <= 0:
+                    del self._under_way[client]
+                self._changed.notify()
 
     def charge(self, client: str, seconds: float) -> None:
         """Count processor time that an item of a client took: its next one waits until its share allows that."""
@@ -113,10 +123,12 @@ class FairQueue(Generic[_Item]):
         """Bring a client to the front who may have an item taken now.
 
         Returns:
-            0.0, or how many seconds no client may; None if nothing waits.
+            0.0, or how many seconds no client may; None if nothing waits but for items that are under way.
         """
         least = None
         for client in list(self._waiting):
+            if self._is_limited(client) and self._under_way[client] >= self._most_at_once:
+                continue
             pause = self._pause_of(client)
             if pause == 0.0:
                 self._waiting.move_to_end(client, last=False)
@@ -133,6 +145,7 @@ class FairQueue(Generic[_Item]):
         client, waiting = self._waiting.popitem(last=False)
         item, size = waiting.popleft()
         self._bytes[client] -= size
+        self._under_way[client] += 1
         if waiting:
             self._waiting[client] = waiting  # behind all others
         else:

@@ -41,7 +41,7 @@ from wire.keys import ANYONE, Keys
 from wire.news import LogRecord
 from wire.strict import Rejected
 
-_SUBMITS_AT_ONCE = 8  # a problem may take a hundred times its size in memory while it is checked
+_SUBMITS_AT_ONCE, _OF_ONE_AT_ONCE = 8, 4  # a problem may take a hundred times its size in memory while it is checked
 _SUBMITS = Queue("submits", 1000, 256 << 20)
 _SUBMITS_OF_ONE, _BYTES_SUBMITTED = 250, 64 << 20  # of a client with a certificate, so that it leaves room for others
 _MOST_WAITING, _BYTES_WAITING = 2000, 64 << 20  # requests of one client; further ones are dropped; clients ask again
@@ -121,7 +121,7 @@ class Service:
         self._waiting = WaitingRoom()
         self._down = threading.Event()
         self._submits: FairQueue[tuple[str, Callable[[], None]]] = FairQueue(
-            _MOST_WAITING, shares=_SHARES, is_limited=_has_a_certificate
+            _MOST_WAITING, shares=_SHARES, is_limited=_has_a_certificate, most_at_once=_OF_ONE_AT_ONCE
         )
         self._changes = Lanes()  # a lane for each job
         lines = LogLines(keys.cluster, options.log_json)

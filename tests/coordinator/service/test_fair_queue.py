@@ -121,6 +121,23 @@ def test_what_a_thread_does_is_charged(now):
     assert queue.take() == 2, "1.1 s at a share of a half are more than was saved"
 
 
+def test_so_many_of_a_client_are_under_way_and_no_more():
+    queue = FairQueue(10, most_at_once=2, is_limited=lambda client: client != "trusted")
+    for number in range(4):
+        queue.put("flood", number)
+        queue.put("trusted", "x")
+    assert drain(queue, 6) == [0, "x", 1, "x", "x", "x"]
+    queue.put("other", "y")
+    assert queue.take() == "y"
+    taken = []
+    thread = threading.Thread(target=lambda: taken.append(queue.take()))
+    thread.start()
+    with queue.charged("flood"):
+        assert not taken
+    thread.join(10)
+    assert taken == [2]
+
+
 def test_a_waiting_thread_gets_what_comes_and_learns_of_the_end():
     queue, taken = FairQueue(10), []
     thread = threading.Thread(target=lambda: taken.extend((queue.take(), queue.take())))
