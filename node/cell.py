@@ -246,11 +246,9 @@ class Cell:
             self.inbox.go_on_from(rows.generation, plan.run.interval)
         else:
             self.generations.publish_first()
-        if start.takeover is not None:
-            self._took_over, self._reached = True, start.takeover.reached
-            rows.learn_stop(start.takeover.stop_at)
         self._append_actions(self.generations, (), actions)
         if start.takeover is not None:
+            self._took_over, self._reached = True, start.takeover.reached
             actions += self._questions()
 
     def pace_states(self, seconds: float) -> None:
@@ -262,7 +260,7 @@ class Cell:
         now, oldest = self.rows.generation, self._outbox.oldest
         states = self.inbox.states_told_once() if once else tuple(self.inbox.states)
         oldest = now if oldest is None else oldest
-        return KeptStates(self.number, now, oldest, states, self._heard(), self._halted, self.rows.least_stop)
+        return KeptStates(self.number, now, oldest, states, self._heard(), self._halted)
 
     def _heard(self) -> tuple[tuple[int, int], ...]:
         """Return, for each neighbour, the generation up to which all its messages have come; nothing in async mode."""

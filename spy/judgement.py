@@ -23,7 +23,7 @@ STATUS_OF: dict[Reason, Status] = {
 
 @dataclass(frozen=True)
 class Judgement:
-    """The judgement of a run.
+    """The judgement of an epoch.
 
     Attributes:
         status: how the run ended.

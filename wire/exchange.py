@@ -1,9 +1,9 @@
 """The exchange message: what a node publishes to its neighbours in each exchange (the spy subscribes to the root's).
 
 Cells keep messages as rows of arrays, because compiled code reads, writes, packs and unpacks them without creating a
-Python object for each field (`wire.exchange_layout` defines the layout, `wire.exchange_reader` the checks). This module
-is the Python side: the array types, the limits that a receiver enforces, and the words for the reasons to refuse a
-message.
+Python object for each field (`wire.exchange_layout` defines the layout, `wire.exchange_reader` the checks, and
+`wire.limits` what a receiver accepts). This module is the Python side: the array types, and the words for the reasons
+to refuse a message.
 """
 
 import math

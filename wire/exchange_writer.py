@@ -26,7 +26,7 @@ from wire.exchange_layout import (
 
 
 # Each writer puts a value at position ``at`` of ``out`` and returns the position after it. None checks whether there is
-# room: `wire.exchange.Limits.most_bytes` is enough for every message of a job.
+# room: `wire.limits.Limits.most_bytes` is enough for every message of a job.
 @subroutine
 def _put(out: Any, at: Any, tag: Any, value: Any, size: Any) -> Any:
     """Write a tag and ``size`` bytes of ``value``, big-endian."""

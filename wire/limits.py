@@ -20,7 +20,7 @@ class Limits:
     """What a receiver accepts in messages of its present job.
 
     Attributes:
-        genome_bytes: the size of a genome, in bytes; in a message it may be shorter (see `Messages.encode`).
+        genome_bytes: the size of a genome, in bytes; in a message it may be shorter (`wire.exchange.Messages.encode`).
         emigrants: the exact number of emigrants in a message.
         cells: the number of cells; a champion's cell of birth must be below it.
         alphabet: which genomes the job's coding can make.

@@ -35,7 +35,7 @@ LONG_ANSWER = zenoh.Priority.DATA_LOW
 # A node's one network thread sends, and empties the queues (one for each priority) of what others have sent. If it
 # finds a queue full, or another thread that waits for room there, it waits too: for the seconds after which Zenoh gives
 # up. So long answers have a queue of their own, with room for the longest, in batches of 64 KB: three states of each
-# of four neighbours (`node.engine.state.MOST_BYTES`) and some 12 KB of messages. (Large states of more neighbours may
+# of four neighbours (`node.engine.state_size`) and some 12 KB of messages. (Large states of more neighbours may
 # fill it still.) A thread of its own for sending would cost each exchange a change of threads.
 _LONG_QUEUE = 16  # batches; 2 by default
 # A client that does not read must not hold up the answers to others, which pass the router one after another. So the

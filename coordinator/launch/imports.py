@@ -7,6 +7,7 @@ def import_all(kinds: Collection[str] | None = None) -> None:
     """Import everything that router, spy and nodes need, with the compiled kernels of these kinds (None: of all)."""
     import numpy.ma  # numba asks whether an array is one of these  # noqa: F401
 
+    import node.process  # noqa: F401
     import problems.registry
     import spy.process  # noqa: F401
     from node.fingerprint import fingerprint

@@ -173,17 +173,6 @@ class Rows:
             self.stop_at[row] = stop_at
             self.note_proposal(row, reason)
 
-    @property
-    def least_stop(self) -> int | None:
-        """The generation after which the first row will stop by what it knows; None if it will not."""
-        stop_at = self.stop_at.item(0)
-        return None if stop_at == NEVER else stop_at
-
-    def learn_stop(self, stop_at: int | None) -> None:
-        """Note a stop of which the first row may not have heard; None if there is none."""
-        if stop_at is not None:
-            self.stop_at[0] = min(stop_at, self.stop_at.item(0))
-
     def note_proposal(self, row: int, reason: Reason) -> None:
         """Record that the row's stop is its own proposal, made in this generation."""
         self.proposals.append(Proposal(int(self.stop_at[row]), reason, int(self.cells[row]), self.generation))

@@ -46,7 +46,7 @@ def start_on(
             given_up=given_up,
         )
     if scheme == "ssh" and place:
-        from coordinator.store.database import url_in
+        from coordinator.store.database import url_in  # not above: it loads SQLAlchemy
         from supernode.deploy.ssh_cluster import SshCluster
 
         assert service.state is not None, "`up` has one"

@@ -192,7 +192,7 @@ READERS = {
     "tell states": (control.decode, control.encode(TellStates(3, 1))),
     "kept states": (
         control.decode_answer,
-        control.encode_answer(KeptStates(2, 40, 30, ((1, 32, b"state"),), ((1, 40),), True, 44)),
+        control.encode_answer(KeptStates(2, 40, 30, ((1, 32, b"state"),), ((1, 40),), True)),
     ),
     "answer": (control.decode_answer, control.encode_answer(Done('{"a": 1}'))),
     "refusal": (control.decode_answer, control.encode_answer(Refused("no", "input"))),

@@ -171,7 +171,7 @@ def drawn(seed: int) -> Plan:
 
 
 def _brought_together(draw: random.Random, faults: list[Fault], others: list[float]) -> list[Fault]:
-    """Return the faults, some of them soon after something else: few would meet what another one causes by chance."""
+    """Return the faults, some moved to soon after another event: by chance few meet what another fault causes."""
     moments = others + [fault.at for fault in faults] + [fault.at + fault.seconds for fault in faults]
     return [
         replace(fault, at=draw.choice(moments) + draw.expovariate(1 / _SOON)) if draw.random() < 0.4 else fault

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from one_max import AskingBus, plan_of
 
 import topologies
-from coordinator.jobs.recovering import choose_states, least_stop
+from coordinator.jobs.recovering import choose_states
 from node.cell import Cell
-from node.events import Propose, Start
+from node.events import Start
 from node.simulation import simulate
 from wire.takeover import KeptStates, Takeover
 
@@ -46,8 +46,7 @@ class Mortal(AskingBus):
             self.news[number].clear()
             self.reports.pop(number, None)
             self.cells[number] = Cell(plan, number, job=1)
-            takeover = Takeover(self.reached(), chosen[number][1], stop_at=least_stop(self.kept))
-            self.events[number] = [Start(takeover=takeover)]
+            self.events[number] = [Start(takeover=Takeover(self.reached(), chosen[number][1]))]
             self.taken_over += 1
 
 
@@ -93,24 +92,6 @@ def test_the_target_is_reached_all_the_same(seed):
     source = random.Random(seed)
     bus = Mortal(plan, source, [(source.randrange(50, 200), 1) for _ in range(3)])
     assert without_counters(bus.run()) == without_counters(simulate(plan))
-
-
-@pytest.mark.parametrize("topology", ["torus 2x3", "torus 3x4", "ring 7"])
-@pytest.mark.parametrize("seed", range(20))
-def test_all_stop_after_the_same_generation_though_those_died_who_could_tell_the_stop(topology, seed):
-    plan = plan_of(size=64, topology=topology, target=-1.0, seed=seed)
-    source = random.Random(seed)
-    bus = Mortal(plan, source, [])
-    root, *others = bus.cells
-    while root.rows.generation < 12:
-        bus.one_step()
-    root.step(events=[Propose("deadline")])
-    while all(cell.rows.least_stop is None for cell in others):
-        bus.one_step()
-    who_knows = next(cell.number for cell in others if cell.rows.least_stop is not None)
-    bus.kill([0, source.choice([cell.number for cell in others if cell.number != who_knows])])
-    stops = {report.generation for report in bus.run()}
-    assert stops == {root.rows.least_stop}
 
 
 @pytest.mark.parametrize("wrong", [b"\0", b"\x05", b"\xff" * 400])

@@ -186,7 +186,7 @@ def test_a_stall_never_ends_a_run_that_something_else_limits(cluster, stubborn):
 
 
 def test_until_the_deadline_it_begins_anew_as_often_as_it_stalls(cluster, stubborn):
-    file = stubborn(hurdles=1_000_000, grows=0)  # each attempt takes one of them: a quick machine takes 99 in 4 s
+    file = stubborn(hurdles=1_000_000, grows=0)  # each attempt takes one of them: a quick machine takes 99 in 2 s
     result = cluster.submit(file, seconds=4.0, stall=10).result(timeout=60)
     assert result.status == "deadline"
     retries = [each for each in result.directives if each["do"] == "retry"]

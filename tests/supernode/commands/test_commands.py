@@ -72,7 +72,7 @@ def test_help_imports_nothing_heavy():
     ],
 )
 def test_who_never_breeds_loads_no_compiled_code(module):
-    """It takes more than half a second, in which a cluster starts or a coordinator is replaced."""
+    """It takes more than half a second, in which a cluster could start."""
     script = f"import sys, {module}; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
 
