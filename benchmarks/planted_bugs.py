@@ -3,7 +3,8 @@
 Usage: python -m benchmarks.planted_bugs [--most 2000] [--only NAME]
 
 A simulation that finds nothing shows little unless it finds what is there. Each bug changes a few words of the source
-as it is imported; no file is changed. The run fails if the source does not have these words any more.
+as it is imported; no file is changed. The run fails if the source does not have these words any more. A trial in which
+something is broken without the bug too does not count.
 """
 
 from __future__ import annotations
@@ -310,15 +311,16 @@ class _Finder(importlib.abc.MetaPathFinder):
         return importlib.util.spec_from_file_location(fullname, file, loader=_Loader(fullname, str(file), self._bug))
 
 
-def _find(bug: Bug, most: int) -> None:
-    """Run trials with the bug until one finds it; print how many that took, and what it says."""
-    sys.meta_path.insert(0, _Finder(bug))
+def _find(bug: Bug | None, first: int, most: int) -> None:
+    """Run trials with the bug, if any, until something is broken; print the seed, and what is broken."""
+    if bug is not None:
+        sys.meta_path.insert(0, _Finder(bug))
     from problems import load
     from supernode.chaos.simulated.plans import drawn
     from supernode.chaos.simulated.trial import run
 
     file = load(str(_PROBLEM))
-    for seed in range(1, most + 1):
+    for seed in range(first, most + 1):
         outcome = run(drawn(seed), file)
         if outcome.broken:
             print(f"{seed}\t{outcome.broken[0]}")
@@ -326,29 +328,53 @@ def _find(bug: Bug, most: int) -> None:
     print(f"-\tnot found in {most} trials")
 
 
+def _trials(number: int | None, first: int, most: int) -> tuple[str, str]:
+    """Return the first seed at which something is broken with a bug (None: without any), and what; or "-", and why.
+
+    Raises:
+        subprocess.TimeoutExpired: if that takes too long.
+    """
+    command = [sys.executable, "-m", "benchmarks.planted_bugs", "--first", str(first), "--most", str(most)]
+    planted = "none" if number is None else str(number)
+    done = subprocess.run(
+        [*command, "--plant", planted], capture_output=True, text=True, timeout=_LONGEST, check=False, cwd=_ROOT
+    )
+    if done.returncode:
+        return "?", done.stderr.strip().rpartition("\n")[2]
+    seed, _, what = done.stdout.strip().partition("\t")
+    return seed, what
+
+
+def _search(number: int, most: int) -> tuple[str, str]:
+    """Return the first seed that finds a bug, and what it says; or "-", and why none does."""
+    first = 1
+    try:
+        while True:
+            seed, what = _trials(number, first, most)
+            if not seed.isdigit() or not _trials(None, int(seed), int(seed))[0].isdigit():
+                return seed, what
+            first = int(seed) + 1  # that is broken without the bug too
+    except subprocess.TimeoutExpired:
+        return "-", f"not found within {_LONGEST:.0f} s"
+
+
 def main() -> None:
     """Plant each bug in a process of its own."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--most", type=int, default=2000, help="trials for each bug (%(default)s)")
     parser.add_argument("--only", help="the bug whose name begins so")
-    parser.add_argument("--plant", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--first", type=int, default=1, help=argparse.SUPPRESS)
+    parser.add_argument("--plant", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.plant is not None:
-        return _find(BUGS[options.plant], options.most)
+        bug = BUGS[int(options.plant)] if options.plant.isdigit() else None
+        return _find(bug, options.first, options.most)
     found = asked = 0
     for number, bug in enumerate(BUGS):
         if options.only and not bug.name.startswith(options.only):
             continue
         began, asked = time.monotonic(), asked + 1
-        command = [sys.executable, "-m", "benchmarks.planted_bugs", "--plant", str(number), "--most", str(options.most)]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST, check=False, cwd=_ROOT)
-        except subprocess.TimeoutExpired:
-            seed, what = "-", f"not found within {_LONGEST:.0f} s"
-        else:
-            seed, _, what = done.stdout.strip().partition("\t")
-            if done.returncode:
-                seed, what = "?", done.stderr.strip().rpartition("\n")[2]
+        seed, what = _search(number, options.most)
         found += seed.isdigit()
         print(
             f"{seed:>5}  {time.monotonic() - began:6.1f} s  {bug.module}: {bug.name}\n{'':16}{what[:150]}", flush=True
