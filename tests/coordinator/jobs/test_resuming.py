@@ -175,9 +175,10 @@ def test_the_job_goes_on_although_no_checkpoint_can_be_kept(cluster, tmp_path):
 
 def test_a_run_that_ended_before_any_state_begins_again_on_whatever_topology(cluster, tmp_path):
     file = function(topology="torus 2x3", generations=50)
-    CheckpointFolder(tmp_path).keep(Checkpoint(file, file))
     for topology in ("torus 2x3", "torus 3x4"):
-        result = cluster.resume(tmp_path, topology=topology).result()
+        folder = tmp_path / topology  # each its own: a run that goes on may keep a state before it ends
+        CheckpointFolder(folder).keep(Checkpoint(file, file))
+        result = cluster.resume(folder, topology=topology).result()
         assert (result.generations, result.topology, result.directives) == (50, topology, [])
         assert again(file, result) == result.history_sha256
 
