@@ -4,8 +4,8 @@ Read `process` first: it says what the spy listens to, and which thread does wha
 champion itself before it passes it on; `tally` adds up the nodes' counters; `verification` judges an epoch that has
 ended.
 
-The other modules are of use to the coordinator and the simulator too, which write results, and load no compiled code:
-`judgement` is how an epoch ended, `result` is a job's result, `past` sums up its ended epochs, `improvement_records`
-lists its improvements by generation, `run_log` writes the run log, `terminal` shows progress, and `least_improvement`
-says which improvements are worth a line.
+The other modules are of use to the coordinator and the simulator too, which write results: `judgement` is how an epoch
+ended, `result` is a job's result, `past` sums up its ended epochs, `improvement_records` lists its improvements by
+generation, `run_log` writes the run log, `terminal` shows progress, and `least_improvement` says which improvements are
+worth a line.
 """

@@ -1,4 +1,4 @@
-"""The judgement of an epoch that has ended: its status, and whether an independent check accepts the answer."""
+"""Judge an epoch that has ended: its status, and whether an independent check accepts the answer."""
 
 import math
 from collections.abc import Iterable, Mapping
