@@ -258,7 +258,7 @@ class Cell:
 
     def _kept_states(self, once: bool) -> KeptStates:
         now, oldest = self.rows.generation, self._outbox.oldest
-        states = self.inbox.states_told_once() if once else tuple(self.inbox.states)
+        states = self.inbox.states_told_once() if once else self.inbox.states
         oldest = now if oldest is None else oldest
         return KeptStates(self.number, now, oldest, states, self._heard(), self._halted)
 

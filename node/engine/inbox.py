@@ -56,7 +56,7 @@ _LATEST = _TABLE.integers("latest")
 _SPARES = _TABLE.integers("spares")  # the rows that are free, as many as `_SPARE` says
 _COUNTS = _TABLE.integers("counts")  # the columns of `_COUNT`
 _LIMITS = _TABLE.integers("limits")  # the columns of `_LIMIT`
-_STATES = _TABLE.octets("states")  # neighbours' states, see `node.engine.ring`
+_STATES = _TABLE.octets("states")  # (neighbours, ...): their states, see `node.engine.ring`
 _STATE_ENTRIES = _TABLE.integers("state_entries")
 _STATE_MARKS = _TABLE.integers("state_marks")
 
@@ -122,9 +122,11 @@ def _swap(row: Any, source_row: Any, names: Any, spare: Any, counts: Any) -> Any
 
 
 @subroutine
-def _keep_state(table: Any, state: Any, header: Any, sender: Any) -> Any:
-    """Keep a neighbour's state, for the process that takes its place if it dies; once, as messages come again."""
-    room, entries, marks = octets(table, _STATES)[0], integers(table, _STATE_ENTRIES), integers(table, _STATE_MARKS)[0]
+def _keep_state(table: Any, state: Any, header: Any, number: Any) -> Any:
+    """Keep a state of neighbour ``number``, for the process that takes its place; once, as messages come again."""
+    room, marks = octets(table, _STATES)[number], integers(table, _STATE_MARKS)[number]
+    entries = integers(table, _STATE_ENTRIES)[number * _STATES_OF_EACH : (number + 1) * _STATES_OF_EACH]
+    sender = integers(table, _SENDERS)[0, number]
     if state.size <= room.size and not ring.has(entries, marks, sender, header[GENERATION]):
         start = ring.begin(room, entries, marks, state.size)
         room[start : start + state.size] = state
@@ -160,7 +162,7 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
         counts[_OF_NO_USE] += 1
     # The state counts also if the message does not: this cell may have just begun in the place of a dead one.
     if end < len(payload):
-        _keep_state(table, payload[state_at(payload, end) :], header, integers(table, _SENDERS)[0, number])
+        _keep_state(table, payload[state_at(payload, end) :], header, number)
     return 1
 
 
@@ -231,7 +233,7 @@ class Inbox:
         staleness: in async mode the counts of `wire.report.Staleness`.
         missing_count: in lockstep a function that returns how many neighbours' messages for the next exchange have not
             come. It is a bound C method, because it is called in each generation.
-        states: the latest states of the neighbours.
+        states: the latest states of each neighbour. Each has a ring of its own, since one may send them more often.
         table: pointers to everything that `hear` works on.
     """
 
@@ -254,8 +256,10 @@ class Inbox:
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
         spare = np.arange(2, 3 + exchanges * others)  # one for each message that may be kept, and one to decode into
         # A state with half of the improvements that it may have: a ring takes its whole room in the end.
-        each, states = (plan.state_bytes + plan.limits.most_state_bytes) // 2, _STATES_OF_EACH * others
-        self.states = ring.Ring(states * each, max(1, states))
+        # With room for one more than it keeps a ring loses none to the gap at its end, however long each state is.
+        room = (_STATES_OF_EACH + 1) * plan.limits.most_state_bytes
+        rooms, entries, marks = ring.arrays(others, room, _STATES_OF_EACH)
+        self._states = [ring.Ring(*its) for its in zip(rooms, entries, marks, strict=True)]
         self.counts = _COUNT.zeros()
         self.counts[_SPARE], self.counts[MISSING] = len(spare), others
         self.missing_count = partial(self.counts.item, MISSING)
@@ -279,9 +283,9 @@ class Inbox:
             "spares": spare,
             "counts": self.counts,
             "limits": self._limits_row(plan, job),
-            "states": self.states.room,
-            "state_entries": self.states.entries,
-            "state_marks": self.states.marks,
+            "states": rooms,
+            "state_entries": entries,
+            "state_marks": marks,
         }
         self.table = _TABLE.build(**self._kept)
 
@@ -310,6 +314,11 @@ class Inbox:
         now, after = self._not_come[self.exchange % 2](), self._not_come[(self.exchange + 1) % 2]()
         come = [0 if this else 1 if following else 2 for this, following in zip(now, after, strict=True)]
         return {other: max(0, self.exchange - 1 + each) for other, each in zip(self.neighbours, come, strict=True)}
+
+    @property
+    def states(self) -> tuple[tuple[int, int, bytes], ...]:
+        """The latest states of the neighbours, each with its cell and its generation; those of a cell in order."""
+        return tuple(each for its in self._states for each in its)
 
     def states_told_once(self) -> tuple[tuple[int, int, bytes], ...]:
         """Return the latest states of the neighbours that name this cell first; another cell tells the others'."""

@@ -6,7 +6,7 @@ from an older state, and needs all messages since (`node.engine.state`).
 
 import numpy as np
 
-from node.engine.ring import Ring
+from node.engine.ring import Ring, arrays
 from node.engine.state_size import LEAST_DISTANCE
 
 BYTES = 12 << 10
@@ -29,7 +29,8 @@ class Outbox(Ring):
     """
 
     def __init__(self, most_bytes: int, most_bytes_with_state: int) -> None:
-        super().__init__(max(BYTES, _AT_LEAST * most_bytes), _MOST_MESSAGES)
+        ((room, entries, marks),) = zip(*arrays(1, max(BYTES, _AT_LEAST * most_bytes), _MOST_MESSAGES), strict=True)
+        super().__init__(room, entries, marks)
         self.with_state = np.empty(most_bytes_with_state, np.uint8)
 
     def since(self, generation: int) -> list[bytes]:

@@ -1,6 +1,6 @@
 """A ring of byte strings in arrays, which compiled code writes: the latest ones, as many as there is room for.
 
-A cell keeps its latest messages in one, and the latest states of its neighbours in another. A string is written in two
+A cell keeps its latest messages in one, and the latest states of each neighbour in another. A string is written in two
 steps, since its length is not known before: `begin` finds room for the longest that it may be, `end` enters it. No
 string is empty: such a one would take no place, so nothing could overwrite it.
 """
@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lowlevel.compiled import subroutine
 from node.engine.layout import RowLayout
@@ -80,8 +81,14 @@ def latest_number(entries: Any, marks: Any) -> Any:
     return entries[(marks[_COUNT] - 1) % len(entries)][_NUMBER]
 
 
+def arrays(rings: int, most_bytes: int, most_entries: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return the rooms, entries and marks of so many empty rings, with a first axis for the rings."""
+    entries = np.zeros((rings, most_entries, ENTRY), np.int64)
+    return np.empty((rings, most_bytes), np.uint8), entries, np.zeros((rings, MARKS), np.int64)
+
+
 class Ring:
-    """The arrays of a ring, and how Python reads them.
+    """The arrays of a ring, and how Python reads them. They may be parts of larger arrays, see `arrays`.
 
     Attributes:
         room: the strings, shape (bytes,).
@@ -89,10 +96,8 @@ class Ring:
         marks: what comes next, shape (MARKS,).
     """
 
-    def __init__(self, most_bytes: int, most_entries: int) -> None:
-        self.room = np.empty(most_bytes, np.uint8)
-        self.entries = np.zeros((most_entries, ENTRY), np.int64)
-        self.marks = _MARK.zeros()
+    def __init__(self, room: NDArray[np.uint8], entries: NDArray[np.int64], marks: NDArray[np.int64]) -> None:
+        self.room, self.entries, self.marks = room, entries, marks
         self._bytes = self.room.data  # a memoryview: slicing an array costs as much as a message
 
     def latest(self) -> bytes:

@@ -3,9 +3,13 @@
 import dataclasses
 import random
 
+import hypothesis
+import msgpack
 import numpy as np
 import pytest
 from exchanges import Emigrant, Exchange, decode, read_slowly
+from hypothesis import given
+from hypothesis import strategies as st
 from one_max import plan_of
 
 from node.engine.inbox import NEXT, Inbox, next_exchange
@@ -275,6 +279,27 @@ def test_an_empty_message_is_refused_and_the_one_behind_it_read():
     payload = a_message(random.Random(1), 0).encode()
     assert inbox.hear([(1, b""), (1, payload), (1, b"")]) == {(1, "not msgpack")}
     assert (inbox.kept, inbox.refused) == (1, 2)
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(1, 64)), max_size=80))
+@hypothesis.settings(max_examples=50)
+def test_it_keeps_the_latest_three_states_of_each_neighbour_however_often_others_send_theirs(sent):
+    plan = plan_in(topology="torus 4x4", mode="async", deme=2)
+    inbox = Inbox(plan, 5, JOB)
+    rng, expected = random.Random(1), {other: [] for other in inbox.neighbours}
+    for number, (place, improvements) in enumerate(sent, 1):
+        neighbour = inbox.neighbours[place]
+        state = rng.randbytes(plan.limits.most_state_bytes - 24 * (64 - improvements))
+        message = a_message(rng, number, number).encode()
+        inbox.hear([(neighbour, with_state(message, state))])
+        expected[neighbour].append((neighbour, number, state))
+    assert list(inbox.states) == [state for states in expected.values() for state in states[-3:]]
+    assert inbox.kept == len(sent)
+
+
+def with_state(message, state):
+    """The message with one field more."""
+    return bytes([message[0] + 1]) + message[1:] + msgpack.packb(state)
 
 
 def test_messages_of_cells_with_large_numbers():
