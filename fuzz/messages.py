@@ -35,7 +35,9 @@ from wire.takeover import KeptStates, Takeover
 _CHAMPION = Champion(0.5, 7, 2, b"\x12\x34")
 _WIRING = control.Wiring(4, (2, 0, 1), ("a", "b", ""), ("", "tcp/b:1", ""))
 _COMMANDS = (
-    control.Prepare(3, 1, '["x.toml", {}]', _WIRING, 12, b"\x12\x34", b"", 16, False, Takeover(7, b"state"), True),
+    control.Prepare(
+        3, 1, '["x.toml", {}]', _WIRING, 12, b"\x12\x34", b"", 16, False, Takeover(7, b"state", stop_at=9), True
+    ),
     control.Begin(3, 1, 4),
     control.ProposeStop(3, 1, "cancel"),
     control.Halt(3, 1),
@@ -50,7 +52,7 @@ _ANSWERS = (
     control.Done('{"a": 1}'),
     control.Refused("no", "input"),
     control.Judged("solved", True, None, b"\x12", "in words", 0.5, _CLEARANCE, "{}", "when", ("longer",), True),
-    KeptStates(2, 40, 30, ((1, 32, b"state"),), ((1, 40),), True),
+    KeptStates(2, 40, 30, ((1, 32, b"state"),), ((1, 40),), True, 44),
 )
 _REPORT = Report(
     2,

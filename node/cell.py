@@ -197,8 +197,9 @@ class Cell:
         for event in events:
             if isinstance(event, Answered):
                 self._backlog.put(event.sender, event.generation // self.plan.run.interval, event.payloads)
-                if self._took_over:  # the neighbour may die before this cell has caught up: keep its state now
-                    actions += self.hear([(event.sender, event.payloads[-1])])
+                # The neighbour may die before this cell has caught up: keep its state and note its stop now.
+                if self._took_over or len(event.payloads) > 1:
+                    self._hear_answers([(event.sender, event.payloads[-1])], actions)
                 self._take_from_backlog(actions)
             elif isinstance(event, Asked):
                 if messages := self._outbox.since(event.generation):
@@ -246,10 +247,12 @@ class Cell:
             self.inbox.go_on_from(rows.generation, plan.run.interval)
         else:
             self.generations.publish_first()
-        self._append_actions(self.generations, (), actions)
         if start.takeover is not None:
             self._took_over, self._reached = True, start.takeover.reached
-            actions += self._questions()
+            if start.takeover.stop_at is not None:
+                self.generations.tell_stop(start.takeover.stop_at)
+        self._append_actions(self.generations, (), actions)
+        actions += self._questions() if self._took_over else []
 
     def pace_states(self, seconds: float) -> None:
         """Choose how many messages carry the cell's state, given the seconds from one message to the next."""
@@ -260,7 +263,9 @@ class Cell:
         now, oldest = self.rows.generation, self._outbox.oldest
         states = self.inbox.states_told_once() if once else self.inbox.states
         oldest = now if oldest is None else oldest
-        return KeptStates(self.number, now, oldest, states, self._heard(), self._halted)
+        stop_at = min(self.rows.stop_at.item(0), self.inbox.least_stop)
+        known = None if stop_at >= self.rows.limit else stop_at
+        return KeptStates(self.number, now, oldest, states, self._heard(), self._halted, known)
 
     def _heard(self) -> tuple[tuple[int, int], ...]:
         """Return, for each neighbour, the generation up to which all its messages have come; nothing in async mode."""
@@ -286,8 +291,12 @@ class Cell:
 
     def _take_from_backlog(self, actions: list[Action]) -> None:
         """Hear the messages of the next exchange that are among the neighbours' answers."""
+        self._hear_answers(self._backlog.take(self.inbox.exchange), actions)
+
+    def _hear_answers(self, messages: Sequence[Message], actions: list[Action]) -> None:
+        """Hear messages that have come by asking."""
         kept, of_no_use = self.inbox.kept, self.inbox.of_no_use
-        actions += self.hear(self._backlog.take(self.inbox.exchange))
+        actions += self.hear(messages)
         if not self._took_over:
             self._answered += self.inbox.kept - kept
             self._answers_of_no_use += self.inbox.of_no_use - of_no_use

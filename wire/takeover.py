@@ -13,11 +13,13 @@ class Takeover(NamedTuple):
         reached: a generation that the dead process has not gone beyond.
         state: the state to go on from (`node.engine.state`); empty to begin the epoch once more.
         others_wait: whether other cells are in the epoch already, and wait for this one.
+        stop_at: the generation after which others will stop, if they know one: perhaps the dead ones alone had told it.
     """
 
     reached: int
     state: bytes
     others_wait: bool = True
+    stop_at: int | None = None
 
     @staticmethod
     def of(value: object) -> "Takeover | None":
@@ -28,8 +30,8 @@ class Takeover(NamedTuple):
         """
         if value is None:
             return None
-        reached, state, others_wait = fields(value, 3)
-        return Takeover(count(reached), of(bytes, state), of(bool, others_wait))
+        reached, state, others_wait, stop_at = fields(value, 4)
+        return Takeover(count(reached), of(bytes, state), of(bool, others_wait), _count_or_none(stop_at))
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class KeptStates:
         states: for each state its cell, its generation, and the state as bytes.
         heard: in lockstep, for each neighbour its cell and the generation up to which all its messages have come.
         halted: whether it was told to halt where it was; then a cell that has died cannot go on in this epoch.
+        stop_at: the generation after which it will stop, if it knows one or has been told of one.
     """
 
     cell: int
@@ -51,6 +54,7 @@ class KeptStates:
     states: tuple[tuple[int, int, bytes], ...]
     heard: tuple[tuple[int, int], ...]
     halted: bool
+    stop_at: int | None
 
     @staticmethod
     def of(values: object) -> "KeptStates":
@@ -59,9 +63,14 @@ class KeptStates:
         Raises:
             Rejected: if they are no valid answer.
         """
-        cell, generation, oldest, states, heard, halted = fields(values, 6)
+        cell, generation, oldest, states, heard, halted, stop_at = fields(values, 7)
         found = [fields(each, 3) for each in of(list, states)]
         kept = tuple((count(whose), count(its), of(bytes, state)) for whose, its, state in found)
         pairs = [fields(each, 2) for each in of(list, heard)]
         come = tuple((count(whose), count(its)) for whose, its in pairs)
-        return KeptStates(count(cell), count(generation), count(oldest), kept, come, of(bool, halted))
+        place = count(cell), count(generation), count(oldest)
+        return KeptStates(*place, kept, come, of(bool, halted), _count_or_none(stop_at))
+
+
+def _count_or_none(value: object) -> int | None:
+    return None if value is None else count(value)

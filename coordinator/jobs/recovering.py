@@ -60,7 +60,9 @@ class Recovering:
         # In lockstep no cell is further ahead of another than there are exchanges on the way between them.
         reached = max(each.generation for each in kept.values()) + epoch.topology.diameter * epoch.file.run.interval
         try:
-            self._preparing.prepare_again(epoch, {cell: Takeover(reached, chosen[cell][1]) for cell in epoch.dead})
+            stop_at = least_stop(kept)
+            takeovers = {cell: Takeover(reached, chosen[cell][1], stop_at=stop_at) for cell in epoch.dead}
+            self._preparing.prepare_again(epoch, takeovers)
         except RefusedError as error:  # such as a link that does not come up again
             self._tell_why_not(epoch.dead, str(error))
             return False
@@ -122,6 +124,14 @@ def looks(answers: Sequence[Given]) -> list[dict[str, Any]]:
     """Return what the nodes that have a cell of the job say of it in their answers to `Look`."""
     found = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
     return [look for look in found if look["cell"] is not None]
+
+
+def least_stop(kept: Mapping[int, KeptStates]) -> int | None:
+    """Return the earliest generation after which living cells will stop; None if they know of no stop.
+
+    If the dead ones alone had told a stop from outside, no new process may hear of it before it has bred too far.
+    """
+    return min((each.stop_at for each in kept.values() if each.stop_at is not None), default=None)
 
 
 def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew: bool) -> States:

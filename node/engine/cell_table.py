@@ -66,6 +66,7 @@ CHAMPION = SETTINGS.column("champion")  # whether messages carry it
 TARGET_REPORTER = SETTINGS.column("target_reporter")  # negative: each cell reports its own
 STALL = SETTINGS.column("stall")  # negative: no limit
 STOP_DISTANCE = SETTINGS.column("stop_distance")
+TOLD_STOP = SETTINGS.column("told_stop")  # a stop that is known, but that no message may tell; else the limit
 LIMIT = SETTINGS.column("limit")
 FAMILIES = SETTINGS.column("families")
 BETTER_HALF = SETTINGS.column("better_half")

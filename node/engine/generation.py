@@ -212,6 +212,10 @@ class Generations:
         """Let every so many-th message carry the state; a power of two, so that cells agree as far as they can."""
         self._settings[at.STATE_EVERY] = messages
 
+    def tell_stop(self, stop_at: int) -> None:
+        """Stop after a generation, of which no neighbour's message may tell; the cell's own stop may be earlier."""
+        self._settings[at.TOLD_STOP] = stop_at
+
     def send_state(self) -> None:
         """Let the next message carry the cell's state."""
         self._settings[at.STATE_NEXT] = 1
@@ -292,6 +296,7 @@ def _settings(plan: Plan, rows: Rows, champion: bool, operators: Operators) -> A
         target_reporter=rows.target_reporter,
         stall=-1 if rows.stall is None else rows.stall,
         stop_distance=plan.stop_distance,
+        told_stop=rows.limit,
         limit=rows.limit,
         families=recipe.renewal is None,
         better_half=recipe.pairing == "better-half",

@@ -26,7 +26,7 @@ from node.engine.layout import RowLayout, TableLayout
 from node.plan import Plan
 from topologies import first_neighbour
 from wire.exchange import Messages
-from wire.exchange_layout import EPOCH, GENERATION, JOB, SENT
+from wire.exchange_layout import EPOCH, GENERATION, JOB, NEVER, SENT, STOP_AT
 from wire.exchange_reader import PAYLOAD, only_emigrants, read_message, state_at
 from wire.report import Staleness
 
@@ -39,6 +39,7 @@ _KEPT = _COUNT.column("kept")  # messages
 _REFUSED = _COUNT.column("refused")
 _LOST = _COUNT.column("lost")  # in async mode
 _OF_NO_USE = _COUNT.column("of_no_use")  # sound, but repeated or out of time
+_LEAST_STOP = _COUNT.column("least_stop")  # the earliest generation after which a neighbour wants to stop
 
 # The table by which compiled code finds an inbox's arrays.
 _TABLE = TableLayout()
@@ -152,6 +153,7 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
     latest = integers(table, _LATEST)
     if header[JOB] != limits[_JOB] or header[EPOCH] != limits[_EPOCH]:
         return 0
+    counts[_LEAST_STOP] = min(counts[_LEAST_STOP], header[STOP_AT])
     if _is_of_use(header, limits[_INTERVAL], latest, number, counts):
         if not limits[_CHAMPIONS]:
             only_emigrants(header, genomes, fitness[row], integers(table, _SENDERS)[0, number])
@@ -261,7 +263,7 @@ class Inbox:
         rooms, entries, marks = ring.arrays(others, room, _STATES_OF_EACH)
         self._states = [ring.Ring(*its) for its in zip(rooms, entries, marks, strict=True)]
         self.counts = _COUNT.zeros()
-        self.counts[_SPARE], self.counts[MISSING] = len(spare), others
+        self.counts[_SPARE], self.counts[MISSING], self.counts[_LEAST_STOP] = len(spare), others, NEVER
         self.missing_count = partial(self.counts.item, MISSING)
         self.messages = Messages.room(2 + len(spare), plan.coding.genome_bytes, plan.run.emigrants)
         names = np.array([[named == other for named in slots] for other in self.neighbours], np.uint8)
@@ -343,6 +345,11 @@ class Inbox:
     def of_no_use(self) -> int:
         """The number of messages that were sound, but too late, too early or repeated."""
         return self.counts.item(_OF_NO_USE)
+
+    @property
+    def least_stop(self) -> int:
+        """The earliest generation after which a neighbour wants to stop, also by messages that were of no use."""
+        return self.counts.item(_LEAST_STOP)
 
     @property
     def exchange(self) -> int:

@@ -148,6 +148,9 @@ def _update_message(table: Any, settings: Any, now: Any) -> Any:
     stalled = settings[at.STALL] >= 0 and now - better_at[OWN] >= settings[at.STALL]
     if stalled and _propose(header, now, settings[at.STOP_DISTANCE]):
         flags |= STALLED
+    # Not before: this cell may be the one that proposed that stop, and must do so again.
+    if now + settings[at.STOP_DISTANCE] >= settings[at.TOLD_STOP]:
+        header[STOP_AT] = min(header[STOP_AT], settings[at.TOLD_STOP])
     return flags
 
 

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from one_max import AskingBus, plan_of
 
 import topologies
-from coordinator.jobs.recovering import choose_states
+from coordinator.jobs.recovering import choose_states, least_stop
 from node.cell import Cell
-from node.events import Start
+from node.events import Propose, Start
 from node.simulation import simulate
+from spy.result import stop_reasons
 from wire.takeover import KeptStates, Takeover
 
 TORUS = topologies.parse("torus 3x4")
@@ -46,7 +47,8 @@ class Mortal(AskingBus):
             self.news[number].clear()
             self.reports.pop(number, None)
             self.cells[number] = Cell(plan, number, job=1)
-            self.events[number] = [Start(takeover=Takeover(self.reached(), chosen[number][1]))]
+            takeover = Takeover(self.reached(), chosen[number][1], stop_at=least_stop(self.kept))
+            self.events[number] = [Start(takeover=takeover)]
             self.taken_over += 1
 
 
@@ -94,6 +96,54 @@ def test_the_target_is_reached_all_the_same(seed):
     assert without_counters(bus.run()) == without_counters(simulate(plan))
 
 
+def known_stop(cell):
+    """The stop that the cell would tell, None if it knows none."""
+    stop_at = min(cell.rows.stop_at.item(0), cell.inbox.least_stop)
+    return stop_at if stop_at < cell.rows.limit else None
+
+
+STOPPED = [{"topology": "torus 2x3"}, {"topology": "torus 3x4"}, {"topology": "ring 7"}, {"deme": 4, "interval": 3}]
+
+
+@pytest.mark.parametrize("settings", STOPPED, ids=str)
+@pytest.mark.parametrize("seed", range(20))
+def test_all_stop_after_the_same_generation_though_those_died_who_could_tell_the_stop(settings, seed):
+    run = {"size": 64, "topology": "torus 3x4", "target": -1.0, "seed": seed} | settings
+    source = random.Random(seed)
+    bus = Mortal(plan_of(**run), source, [])
+    root, *others = bus.cells
+    while root.rows.generation < 12:
+        bus.one_step()
+    bus.events[0].append(Propose("deadline"))
+    while not root.rows.proposals:
+        bus.one_step()
+    stop = root.rows.stop_at.item(0)
+    while all(known_stop(cell) is None for cell in others):
+        bus.one_step()
+    who_knows = next(cell.number for cell in others if known_stop(cell) is not None)  # perhaps only by its inbox
+    bus.kill([0, source.choice([cell.number for cell in others if cell.number != who_knows])])
+    reports = bus.run()
+    assert {report.generation for report in reports} == {stop}
+    assert [each.digest for each in reports] == [each.digest for each in simulate(plan_of(**run, generations=stop))]
+
+
+@pytest.mark.parametrize("settings", [*STOPPED, {"size": 24, "target": 0.0, "stall": None}], ids=str)
+@pytest.mark.parametrize("seed", range(10))
+def test_a_cell_that_proposed_a_stop_by_itself_does_so_again(settings, seed):
+    plan = plan_of(**{"size": 64, "topology": "torus 3x4", "target": -1.0, "stall": 20, "seed": seed} | settings)
+    source = random.Random(seed)
+    bus = Mortal(plan, source, [])
+    while not any(cell.rows.proposals for cell in bus.cells):
+        bus.one_step()
+    proposer = next(cell for cell in bus.cells if cell.rows.proposals)
+    while not any(known_stop(cell) is not None for cell in bus.cells if cell is not proposer):
+        bus.one_step()
+    bus.kill([proposer.number])
+    reports, expected = bus.run(), simulate(plan)
+    assert [report.digest for report in reports] == [report.digest for report in expected]
+    assert stop_reasons(reports, "lockstep") == stop_reasons(expected, "lockstep") != ()
+
+
 @pytest.mark.parametrize("wrong", [b"\0", b"\x05", b"\xff" * 400])
 def test_a_state_of_something_else_fails_the_cell_and_says_so(wrong):
     plan = plan_of(topology="torus 3x4")
@@ -116,6 +166,7 @@ def keeping(dead, states, generation=100, oldest=0):
             ),
             tuple((each, max(states.get(each, (0,)))) for each in set(TORUS.neighbours(cell))),
             halted=False,
+            stop_at=None,
         )
         for cell in range(12)
         if cell not in dead
