@@ -84,6 +84,9 @@ class Bus:
             self.reports[cell.number] = action
 
 
+MOST_STEPS = 200_000
+
+
 class AskingBus(Bus):
     """A bus on which cells also ask for what they miss; a test takes it step by step.
 
@@ -96,8 +99,12 @@ class AskingBus(Bus):
         self.kept = {}
 
     def run(self):
-        while len(self.reports) < len(self.cells):
+        for _ in range(MOST_STEPS):
+            if len(self.reports) == len(self.cells):
+                break
             self.one_step()
+        else:
+            raise AssertionError(f"only the cells {sorted(self.reports)} have ended: the others wait for ever")
         return [self.reports[number] for number in range(len(self.cells))]
 
     def one_step(self):
