@@ -200,7 +200,7 @@ class Cell:
                 # The neighbour may die before this cell has caught up: keep its state and note its stop now.
                 if self._took_over or len(event.payloads) > 1:
                     self._hear_answers([(event.sender, event.payloads[-1])], actions)
-                self._take_from_backlog(actions)
+                self._hear_answers(self._backlog.take(self.inbox.exchange), actions)
             elif isinstance(event, Asked):
                 if messages := self._outbox.since(event.generation):
                     assert self.generations is not None, "a cell that has sent messages has begun"
@@ -249,8 +249,7 @@ class Cell:
             self.generations.publish_first()
         if start.takeover is not None:
             self._took_over, self._reached = True, start.takeover.reached
-            if start.takeover.stop_at is not None:
-                self.generations.tell_stop(start.takeover.stop_at)
+            self.generations.tell_stop(start.takeover.stop_at)
         self._append_actions(self.generations, (), actions)
         actions += self._questions() if self._took_over else []
 
@@ -263,9 +262,8 @@ class Cell:
         now, oldest = self.rows.generation, self._outbox.oldest
         states = self.inbox.states_told_once() if once else self.inbox.states
         oldest = now if oldest is None else oldest
-        stop_at = min(self.rows.stop_at.item(0), self.inbox.least_stop)
-        known = None if stop_at >= self.rows.limit else stop_at
-        return KeptStates(self.number, now, oldest, states, self._heard(), self._halted, known)
+        stop_at = known_stop(self.rows, self.inbox)
+        return KeptStates(self.number, now, oldest, states, self._heard(), self._halted, stop_at)
 
     def _heard(self) -> tuple[tuple[int, int], ...]:
         """Return, for each neighbour, the generation up to which all its messages have come; nothing in async mode."""
@@ -281,17 +279,13 @@ class Cell:
         """
         while self._backlog and self.state == "running":
             if self.rows.exchanging:
-                self._take_from_backlog(actions)
+                self._hear_answers(self._backlog.take(self.inbox.exchange), actions)
             if self.missing_count:
                 break
             generations((), GENERATIONS_AT_ONCE)
             self._append_actions(generations, (), actions)
         if self._took_over and not self._backlog:
             actions += self._questions()
-
-    def _take_from_backlog(self, actions: list[Action]) -> None:
-        """Hear the messages of the next exchange that are among the neighbours' answers."""
-        self._hear_answers(self._backlog.take(self.inbox.exchange), actions)
 
     def _hear_answers(self, messages: Sequence[Message], actions: list[Action]) -> None:
         """Hear messages that have come by asking."""
@@ -363,6 +357,12 @@ class Cell:
                 infeasible=self.plan.infeasible,
             )
         )
+
+
+def known_stop(rows: Rows, inbox: Inbox) -> int | None:
+    """Return the earliest stop that a cell knows, perhaps from a message that it has not bred with; None if none."""
+    stop_at = min(rows.stop_at.item(0), inbox.least_stop)
+    return None if stop_at >= rows.limit else stop_at
 
 
 def _kind_of_generations(rows: Rows) -> type[Generations]:

@@ -212,9 +212,10 @@ class Generations:
         """Let every so many-th message carry the state; a power of two, so that cells agree as far as they can."""
         self._settings[at.STATE_EVERY] = messages
 
-    def tell_stop(self, stop_at: int) -> None:
-        """Stop after a generation, of which no neighbour's message may tell; the cell's own stop may be earlier."""
-        self._settings[at.TOLD_STOP] = stop_at
+    def tell_stop(self, stop_at: int | None) -> None:
+        """Stop after a generation, if there is one: no neighbour may tell it. A stop that is known may be earlier."""
+        if stop_at is not None:
+            self._settings[at.TOLD_STOP] = stop_at
 
     def send_state(self) -> None:
         """Let the next message carry the cell's state."""

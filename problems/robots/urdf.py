@@ -136,7 +136,14 @@ def read_urdf(text: str, where: str = WHERE) -> Urdf:
     _refuse_repeated("joint", [each.name for each in joints], where)
     named = {link.name: link for link in links}
     base = _root(named, joints, where)
-    return Urdf(root.get("name", "robot"), named, {each.name: each for each in _sorted(base, joints)}, base)
+    hanging = {each.name: each for each in _sorted(base, joints)}
+    for joint in joints:
+        if joint.name not in hanging:
+            raise BadInput(
+                f"{where}: joint {joint.name!r}: expected a joint below the root link {base!r}, found a closed chain; "
+                f"cut it at one of its joints"
+            )
+    return Urdf(root.get("name", "robot"), named, hanging, base)
 
 
 def completed(text: str, where: str = WHERE) -> str:
@@ -320,7 +327,7 @@ def _refuse_repeated(what: str, names: list[str], where: str) -> None:
 
 
 def _root(links: dict[str, Link], joints: list[Joint], where: str) -> str:
-    """Return the link that no joint carries, if the others form one tree below it."""
+    """Return the only link that no joint carries; each other one is carried by one joint."""
     carried: dict[str, str] = {}
     for joint in joints:
         for link in (joint.parent, joint.child):

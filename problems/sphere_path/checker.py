@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # allowed error of places, as a share of the box
 _TOLERANCE = 1e-6  # allowed error of the length, as a share of it
+_MOST_TURNS = 100  # periods that a path may go beyond one for each of its rows: checking takes time for each
 _ACCURACY = 1e-3  # of a vehicle's clearance, as a share of the vehicle's size
 
 
@@ -78,7 +79,18 @@ def _parsed(problem: SpherePathModel, solution: Solution) -> PathSolution:
     for number, row in enumerate(claimed.path):
         if len(row) != len(problem.start):
             raise BadInput(f"solution: path[{number}]: expected {len(problem.start)} numbers, found {len(row)}")
+    _refuse_a_spin(problem, np.array(claimed.path))
     return claimed
+
+
+def _refuse_a_spin(problem: SpherePathModel, path: Floats) -> None:
+    """Refuse a path that goes round periodic axes for so long that checking it would not end."""
+    periodic = problem.space.periodic
+    low, high = problem.space.bounds.T
+    steps = np.abs(np.diff(path, axis=0)) / (high - low)
+    turns, most = steps[:, periodic].sum(), len(path) + _MOST_TURNS
+    if turns > most:
+        raise BadInput(f"solution: path: expected at most {most} periods along periodic axes, found {turns:g}")
 
 
 def _wrong_ends(problem: SpherePathModel, path: Floats) -> Iterator[str]:

@@ -439,6 +439,12 @@ def test_check_finds_a_collision_in_the_world():
     )
 
 
+def test_check_refuses_a_path_that_spins_for_too_long():
+    path = [[0.8, 1.8, 0.0], [0.8, 3.2, 1e9], [3.5, 1.0, 1.0]]
+    with pytest.raises(BadInput, match=r"solution: path: expected at most 103 periods along periodic axes, found 3\.1"):
+        cart().check({"path": path, "crossed": 0, "length": 1.0})
+
+
 # Oracle ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("axes", [2, 5])
 def test_the_way_around_one_sphere_is_the_limit_of_short_paths(axes):

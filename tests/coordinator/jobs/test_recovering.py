@@ -10,7 +10,7 @@ from one_max import AskingBus, plan_of
 
 import topologies
 from coordinator.jobs.recovering import choose_states, least_stop
-from node.cell import Cell
+from node.cell import Cell, known_stop
 from node.events import Propose, Start
 from node.simulation import simulate
 from spy.result import stop_reasons
@@ -96,12 +96,6 @@ def test_the_target_is_reached_all_the_same(seed):
     assert without_counters(bus.run()) == without_counters(simulate(plan))
 
 
-def known_stop(cell):
-    """The stop that the cell would tell, None if it knows none."""
-    stop_at = min(cell.rows.stop_at.item(0), cell.inbox.least_stop)
-    return stop_at if stop_at < cell.rows.limit else None
-
-
 STOPPED = [{"topology": "torus 2x3"}, {"topology": "torus 3x4"}, {"topology": "ring 7"}, {"deme": 4, "interval": 3}]
 
 
@@ -118,9 +112,9 @@ def test_all_stop_after_the_same_generation_though_those_died_who_could_tell_the
     while not root.rows.proposals:
         bus.one_step()
     stop = root.rows.stop_at.item(0)
-    while all(known_stop(cell) is None for cell in others):
+    while all(known_stop(cell.rows, cell.inbox) is None for cell in others):
         bus.one_step()
-    who_knows = next(cell.number for cell in others if known_stop(cell) is not None)  # perhaps only by its inbox
+    who_knows = next(cell.number for cell in others if known_stop(cell.rows, cell.inbox) is not None)
     bus.kill([0, source.choice([cell.number for cell in others if cell.number != who_knows])])
     reports = bus.run()
     assert {report.generation for report in reports} == {stop}
@@ -136,7 +130,7 @@ def test_a_cell_that_proposed_a_stop_by_itself_does_so_again(settings, seed):
     while not any(cell.rows.proposals for cell in bus.cells):
         bus.one_step()
     proposer = next(cell for cell in bus.cells if cell.rows.proposals)
-    while not any(known_stop(cell) is not None for cell in bus.cells if cell is not proposer):
+    while all(known_stop(cell.rows, cell.inbox) is None for cell in bus.cells if cell is not proposer):
         bus.one_step()
     bus.kill([proposer.number])
     reports, expected = bus.run(), simulate(plan)

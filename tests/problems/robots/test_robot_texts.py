@@ -101,6 +101,8 @@ TWO = (link("a"), link("b"))
     (robot(*TWO, joint("j", "a", "c")), "joint 'j': expected a link of the URDF, found 'c'"),
     (robot(*TWO, joint("j", "a", "b", "ball")), "joint 'j': expected a type of revolute, .*found 'ball'"),
     (robot(*TWO, joint("j", "a", "b"), joint("k", "a", "b")), "link 'b': expected one joint that carries it"),
+    (robot(*TWO, joint("j", "b", "b")), "joint 'j': expected a joint below the root link 'a', found a closed chain"),
+    (robot(*TWO, link("c"), joint("j", "b", "c"), joint("k", "c", "b")), "joint 'j': .* found a closed chain; cut it"),
     (robot(*TWO, link("a")), "found two links 'a'"),
     (robot(*TWO, joint("j", "a", "b", axis="0 0 0")), "joint 'j': expected an axis of some length"),
     (robot(*TWO, joint("j", "a", "b", xyz="0 0")), "joint 'j': origin's xyz: expected 3 numbers, found '0 0'"),
