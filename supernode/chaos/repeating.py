@@ -1,15 +1,31 @@
 """Repeat a run in one process by its directives, to compare what comes of it."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from node.replay import replay
 from problems import ProblemFile
 from spy.past import Lived, Past
+from spy.result import stop_reasons
+from wire.report import Reason
 
 
-def repeated(file: ProblemFile, directives: Sequence[dict[str, Any]]) -> tuple[str | None, float | None]:
-    """Return the history and the best fitness of a run with these directives.
+class Repetition(NamedTuple):
+    """What comes of a run that is lived through once more.
+
+    Attributes:
+        history: its ``history_sha256``; None if it has none.
+        fitness: the best fitness; None if there is none.
+        reasons: why its cells have stopped by themselves; empty if a stop came from outside, or at the last generation.
+    """
+
+    history: str | None
+    fitness: float | None
+    reasons: tuple[Reason, ...]
+
+
+def repeated(file: ProblemFile, directives: Sequence[dict[str, Any]]) -> Repetition:
+    """Repeat a run with these directives.
 
     Raises:
         BadInput: if an epoch ends elsewhere, or a directive says that the run cannot be repeated.
@@ -20,4 +36,5 @@ def repeated(file: ProblemFile, directives: Sequence[dict[str, Any]]) -> tuple[s
         past = past.and_then(Lived(epoch.file, epoch.reports, epoch.plan.epoch), then.why)
     lived = Lived(last.file, last.reports, last.plan.epoch)
     best = past.or_better(lived)
-    return past.and_then(lived).history, None if best is None else best.fitness
+    reasons = stop_reasons(last.reports, "lockstep")
+    return Repetition(past.and_then(lived).history, None if best is None else best.fitness, reasons)

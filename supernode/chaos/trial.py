@@ -254,7 +254,7 @@ def _progress(record: Mapping[str, Any]) -> tuple[int, int]:
 def _repeats(file: ProblemFile, result: Result) -> bool:
     """Return whether the run that a result tells of has the same history if it is lived through once more."""
     try:
-        history, _ = repeated(file, result.directives)
+        history = repeated(file, result.directives).history
     except BadInput:
         return False
     return result.history_sha256 is not None and history == result.history_sha256

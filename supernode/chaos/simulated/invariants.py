@@ -9,13 +9,16 @@ from typing import Any
 
 from node.assignment import Assignment
 from problems import BadInput, ProblemFile
-from supernode.chaos.repeating import repeated
+from spy.judgement import STATUS_OF, Status
+from supernode.chaos.repeating import Repetition, repeated
 from supernode.chaos.simulated.client import Asked, SimulatedClient
 from supernode.chaos.simulated.cluster import Cluster
 from supernode.chaos.simulated.plans import Plan
 from supernode.chaos.simulated.world import World
+from wire.report import Reason
 
 _STANDS_STILL = 10.0  # seconds; lost messages are asked for after a second
+_BY_ITSELF = ("solved", "stalled", "exhausted")  # how a job ends that nobody stops
 _OF_DEATHS = {"replace", "resume"}  # directives of epochs that began because cells could not go on exactly
 
 
@@ -155,12 +158,18 @@ class Invariants:
             return
         if result["history_sha256"] is None and (done & _OF_DEATHS or self._may_lose_histories):
             return
-        history, fitness = _expected(_Key(asked.file), json.dumps(result["directives"], sort_keys=True))
+        expected = _expected(_Key(asked.file), json.dumps(result["directives"], sort_keys=True))
+        if isinstance(expected, str):
+            self._complain(f"{asked.id}: it cannot be repeated: {expected}")
+            return
+        history, fitness, reasons = expected
         if history != result["history_sha256"]:
             self._complain(f"{asked.id}: its history is {result['history_sha256']}, a replay's is {history}")
         best = result["fitness"]
         if fitness is not None and best != fitness and not (self._was_told(asked, best) and best < fitness):
             self._complain(f"{asked.id}: its fitness is {best}, a replay's is {fitness}")
+        if asked.status in _BY_ITSELF and asked.status != _status(reasons):
+            self._complain(f"{asked.id} is {asked.status}, but the cells of a replay stop by {reasons}")
 
     def _was_told(self, asked: Asked, best: float | None) -> bool:
         """Return whether the client was told this fitness, if cells may have died, and the problem was not changed."""
@@ -183,9 +192,16 @@ class _Key:
 
 
 @cache
-def _expected(key: _Key, directives: str) -> tuple[str | None, float | None]:
-    """Return the history and the fitness of a run with these directives, or instead why they cannot be repeated."""
+def _expected(key: _Key, directives: str) -> Repetition | str:
+    """Return what comes of a run with these directives, or why they cannot be repeated."""
     try:
         return repeated(key.file, json.loads(directives))
     except BadInput as error:
-        return str(error), None
+        return str(error)
+
+
+def _status(reasons: tuple[Reason, ...]) -> Status:
+    """Return how a run ends whose cells stop for these reasons."""
+    if "target" in reasons:
+        return "solved"
+    return STATUS_OF[reasons[0]] if reasons else "exhausted"

@@ -2,7 +2,7 @@
 
 import json
 import random
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import topologies
@@ -23,6 +23,7 @@ DRAINED_WITHIN = 25.0
 """Seconds from SIGTERM until a host ends whatever jobs need."""
 _SHORTEST_WORK = 0.1e-3  # seconds
 _SOON = 0.2  # seconds, in the mean
+_TARGETS = (80.0, 40.0, 20.0, 10.0)  # of Rastrigin's function in ten dimensions, which begins at some 100
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,10 @@ class PlannedHost:
 
 @dataclass(frozen=True)
 class PlannedJob:
-    """A job that a client submits ``at`` seconds after the cluster is ready, and the settings of its run."""
+    """A job that a client submits ``at`` seconds after the cluster is ready, and the settings of its run.
+
+    Without a stall or a target that can be reached it ends after its last generation, or by a fault or a request.
+    """
 
     at: float
     topology: str
@@ -74,11 +78,15 @@ class PlannedJob:
     deme: int
     generations: int
     seconds: float | None
+    target: float = -1.0
+    stall: int = MOST_GENERATIONS - 1
+    restarts: int | None = None
 
     def settings(self) -> dict[str, Any]:
-        """Return the settings for `ProblemFile.with_run`; the run does not end before its last generation."""
-        named = ("topology", "mode", "seed", "deme", "generations", "seconds")
-        return {name: getattr(self, name) for name in named} | {"target": -1.0, "stall": MOST_GENERATIONS - 1}
+        """Return the settings for `ProblemFile.with_run`."""
+        settings = asdict(self)
+        del settings["at"]
+        return settings
 
 
 @dataclass(frozen=True)
@@ -166,6 +174,8 @@ def drawn(seed: int) -> Plan:
     requests = [_drawn_request(draw, len(jobs), length) for _ in range(draw.choice((0, 0, 0, 1, 2)))]
     if draw.random() < 0.5:
         faults = _brought_together(draw, faults, [job.at for job in jobs] + [request.at for request in requests])
+    ends = random.Random(f"ends {seed}")
+    jobs = [_with_an_end(ends, job) for job in jobs]
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
     return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)
 
@@ -185,6 +195,15 @@ def _drawn_job(draw: random.Random, topology: str) -> PlannedJob:
     seconds = draw.uniform(0.5, 10.0) if draw.random() < 0.2 else None
     mode = "lockstep" if draw.random() < 0.75 else "async"
     return PlannedJob(0.0, topology, mode, draw.randrange(4), draw.choice((1, 4)), generations, seconds)
+
+
+def _with_an_end(draw: random.Random, job: PlannedJob) -> PlannedJob:
+    """Return the job, which now and then proposes by itself to stop."""
+    if draw.random() < 0.2:
+        return replace(job, target=draw.choice(_TARGETS))
+    if draw.random() < 0.3:
+        return replace(job, stall=draw.randint(5, max(5, job.generations // 4)), restarts=draw.choice((0, 0, 1)))
+    return job
 
 
 def _drawn_request(draw: random.Random, jobs: int, length: float) -> PlannedRequest:
