@@ -37,6 +37,18 @@ class Bug(NamedTuple):
 
 BUGS = (
     Bug(
+        "a new process is not told of a stop that others know",
+        "coordinator.jobs.recovering",
+        "            stop_at = least_stop(kept)\n",
+        "            stop_at = None\n",
+    ),
+    Bug(
+        "a new process knows of a stop before it has bred so far",
+        "node.cell",
+        "            self.generations.tell_stop(start.takeover.stop_at)\n",
+        "            rows.stop_at[0] = min(rows.stop_at[0], start.takeover.stop_at or rows.limit)\n",
+    ),
+    Bug(
         "a new process stops before others may have got to that generation",
         "node.cell",
         "if self._put_off and self.rows.generation >= self._reached:",

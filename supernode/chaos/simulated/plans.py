@@ -202,7 +202,7 @@ def _with_an_end(draw: random.Random, job: PlannedJob) -> PlannedJob:
     if draw.random() < 0.2:
         return replace(job, target=draw.choice(_TARGETS))
     if draw.random() < 0.3:
-        return replace(job, stall=draw.randint(5, max(5, job.generations // 4)), restarts=draw.choice((0, 0, 1)))
+        return replace(job, stall=draw.randint(3, 20), restarts=draw.choice((0, 0, 1)))
     return job
 
 
