@@ -58,6 +58,10 @@ class Invariants:
         asked = self._client.jobs
         return len(asked) == jobs and all(each.ended_at is not None or each.refused is not None for each in asked)
 
+    def expect_faults_until(self, end: float) -> None:
+        """Note when another fault will be over."""
+        self.faults_end = max(self.faults_end, end)
+
     def strays(self) -> list[int]:
         """Return the nodes that still run a cell."""
         return [node for node, assignment in self._running()]

@@ -10,6 +10,7 @@ What this leaves out of Zenoh: full queues that hold back a sender, and the layo
 
 import itertools
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -161,6 +162,7 @@ class Network:
     Attributes:
         weather: what the network does wrong for now.
         listeners: the stations that listen, by endpoint.
+        asked: called for each question that a coordinator sends.
     """
 
     def __init__(self, world: World, fair: Weather, work: float) -> None:
@@ -169,6 +171,7 @@ class Network:
         self.work = work
         self.listeners: dict[str, Station] = {}
         self.numbers = itertools.count()
+        self.asked: Callable[[], None] = lambda: None
         self._stations: list[Station] = []
         self._apart: dict[frozenset[str], float] = {}  # names of processes, until when they are cut off
         self._held: dict[tuple[str, str], float] = {}  # from and to whom, until when messages are held
@@ -215,6 +218,8 @@ class Network:
             return
         if isinstance(message, Put) and weather.lost and world.draw.random() < weather.lost:
             return
+        if isinstance(message, Ask) and link.here.process.name == "coordinator":
+            self.asked()
         held = self._held.get((link.here.process.name, link.there.process.name), 0.0)
         link.arrives = max(link.arrives, held, world.now + world.draw.expovariate(1.0 / weather.latency))
         for _ in range(1 + (twice and world.draw.random() < weather.twice)):

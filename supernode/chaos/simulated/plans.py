@@ -23,6 +23,8 @@ DRAINED_WITHIN = 25.0
 """Seconds from SIGTERM until a host ends whatever jobs need."""
 _SHORTEST_WORK = 0.1e-3  # seconds
 _SOON = 0.2  # seconds, in the mean
+_MOST_QUESTIONS = 40  # of coordinators; a trial has some tens
+_AFTER = 3.0  # latencies, in the mean
 _TARGETS = (80.0, 40.0, 20.0, 10.0)  # of Rastrigin's function in ten dimensions, which begins at some 100
 
 
@@ -31,7 +33,7 @@ class Fault:
     """Something that happens to the cluster.
 
     Attributes:
-        at: seconds since the cluster was ready.
+        at: seconds since the cluster was ready, or since the event ``upon``.
         do: "kill"; "stop" for a while; "part", which cuts ``whom`` off from ``other`` for a while; "hold", which
             holds back what ``whom`` sends to ``other`` for a while; "disk", whose writes
             fail for a while; "weather", which changes the network for a while; or "leave", which has a host end.
@@ -39,6 +41,8 @@ class Fault:
         seconds: for how long; for a host that is killed or leaves, until it is started again.
         other: the name of another process.
         weather: the network's faults meanwhile.
+        upon: "question", the ``count``-th one of coordinators, or "proposal": so many cells want to stop by themselves.
+        count: the number of that event.
     """
 
     at: float
@@ -47,11 +51,14 @@ class Fault:
     seconds: float = 0.0
     other: str = ""
     weather: Weather | None = None
+    upon: Literal["", "question", "proposal"] = ""
+    count: int = 0
 
     def __str__(self) -> str:
         lasting = f" for {self.seconds:.3f} s" if self.seconds else ""
         from_whom = f" from {self.other}" if self.other else ""
-        return f"{self.do} {self.whom or self.weather or ''}{from_whom}".rstrip() + lasting
+        upon = f" after {self.upon} {self.count}" if self.upon else ""
+        return f"{self.do} {self.whom or self.weather or ''}{from_whom}".rstrip() + lasting + upon
 
 
 @dataclass(frozen=True)
@@ -176,6 +183,7 @@ def drawn(seed: int) -> Plan:
         faults = _brought_together(draw, faults, [job.at for job in jobs] + [request.at for request in requests])
     ends = random.Random(f"ends {seed}")
     jobs = [_with_an_end(ends, job) for job in jobs]
+    faults += _ambushes(random.Random(f"ambushes {seed}"), nodes, latency)
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
     return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)
 
@@ -195,6 +203,19 @@ def _drawn_job(draw: random.Random, topology: str) -> PlannedJob:
     seconds = draw.uniform(0.5, 10.0) if draw.random() < 0.2 else None
     mode = "lockstep" if draw.random() < 0.75 else "async"
     return PlannedJob(0.0, topology, mode, draw.randrange(4), draw.choice((1, 4)), generations, seconds)
+
+
+def _ambushes(draw: random.Random, nodes: int, latency: float) -> list[Fault]:
+    """Return kills just after something that the cluster does: by chance few meet the steps of a protocol."""
+    found = []
+    for _ in range(draw.choice((0, 0, 0, 1, 1, 2))):
+        whom = draw.choice(_SPECIAL) if draw.random() < 0.3 else f"node {draw.randrange(nodes)}"
+        at, upon_question = draw.expovariate(1.0 / (_AFTER * latency)), draw.random() < 0.75
+        if upon_question:
+            found.append(Fault(at, "kill", whom, upon="question", count=draw.randint(1, _MOST_QUESTIONS)))
+        else:
+            found.append(Fault(at, "kill", whom, upon="proposal", count=draw.randint(1, 2)))
+    return found
 
 
 def _with_an_end(draw: random.Random, job: PlannedJob) -> PlannedJob:

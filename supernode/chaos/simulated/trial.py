@@ -15,6 +15,7 @@ from pathlib import Path
 import topologies
 from problems import ProblemFile
 from supernode.chaos.simulated import stand_ins
+from supernode.chaos.simulated.ambushes import Ambushes
 from supernode.chaos.simulated.client import SimulatedClient
 from supernode.chaos.simulated.cluster import Cluster
 from supernode.chaos.simulated.disk import Disk
@@ -104,12 +105,15 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
         for request in plan.requests:
             id = f"job-{request.job}"
             world.at(ready + request.at, partial(client.ask, id, request.of(id, plan.jobs[request.job])))
-        last = ready
+        ends = [ready + fault.at + fault.seconds for fault in plan.faults if not fault.upon]
+        last = invariants.faults_end = max([ready, *ends])
         for fault in plan.faults:
-            last = max(last, ready + fault.at + fault.seconds)
-            world.at(ready + fault.at, partial(cluster.suffer, fault))
-        invariants.faults_end = last
+            if not fault.upon:
+                world.at(ready + fault.at, partial(cluster.suffer, fault))
+        ambushes = Ambushes(world, cluster, plan.faults, invariants.expect_faults_until)
+        network.asked = ambushes.asked
         world.at(ready, lambda: invariants.look(_LOOK_EVERY))
+        world.at(ready, lambda: ambushes.look(_LOOK_EVERY))
         over = world.run(lambda: world.now > last and invariants.all_ended(len(plan.jobs)), last + _ENDS_WITHIN)
         if over:
             world.run(lambda: not invariants.strays(), world.now + _STOPS_WITHIN)
