@@ -207,14 +207,15 @@ def _drawn_job(draw: random.Random, topology: str) -> PlannedJob:
 
 def _ambushes(draw: random.Random, nodes: int, latency: float) -> list[Fault]:
     """Return kills just after something that the cluster does: by chance few meet the steps of a protocol."""
-    found = []
+    found: list[Fault] = []
     for _ in range(draw.choice((0, 0, 0, 1, 1, 2))):
-        whom = draw.choice(_SPECIAL) if draw.random() < 0.3 else f"node {draw.randrange(nodes)}"
-        at, upon_question = draw.expovariate(1.0 / (_AFTER * latency)), draw.random() < 0.75
-        if upon_question:
-            found.append(Fault(at, "kill", whom, upon="question", count=draw.randint(1, _MOST_QUESTIONS)))
-        else:
-            found.append(Fault(at, "kill", whom, upon="proposal", count=draw.randint(1, 2)))
+        many = max(1, nodes // 4) if draw.random() < 0.3 else 1
+        killed = [f"node {node}" for node in draw.sample(range(nodes), many)]
+        killed = [draw.choice(_SPECIAL)] if draw.random() < 0.3 else killed
+        upon: Literal["question", "proposal"] = "question" if draw.random() < 0.75 else "proposal"
+        count = draw.randint(1, _MOST_QUESTIONS if upon == "question" else 2)
+        at = draw.expovariate(1.0 / (_AFTER * latency))
+        found += [Fault(at, "kill", whom, upon=upon, count=count) for whom in killed]
     return found
 
 
