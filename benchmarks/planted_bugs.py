@@ -37,6 +37,12 @@ class Bug(NamedTuple):
 
 BUGS = (
     Bug(
+        "a node forgets that the links of its present epoch are open",
+        "node.epochs",
+        "for links in (self.links, present):",
+        "for links in (self.links,):",
+    ),
+    Bug(
         "a new process is not told of a stop that others know",
         "coordinator.jobs.recovering",
         "            stop_at = least_stop(kept)\n",

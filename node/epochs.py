@@ -80,13 +80,18 @@ class Epochs:
         return sorted({links.wiring.number for links in all_links if links is not None})
 
     def _linked(self, topology: Topology, wiring: Wiring, order: Prepare | None = None) -> Links:
-        """Return links for a wiring: the present ones if they fit, else new ones, which may wait for neighbours.
+        """Return links for a wiring: open ones if they fit, else new ones, which may wait for neighbours.
+
+        The latest ones may be those of an epoch that a coordinator prepared and did not begin. The next coordinator
+        may go on with the links of the present epoch.
 
         Raises:
             TimeoutError: if a neighbour cannot be linked, or a newer command than ``order`` arrives while this waits.
         """
-        if self.links is not None and self.links.leads_to(topology, wiring):
-            return self.links
+        present = None if self._driver.assignment is None else self._driver.assignment.links
+        for links in (self.links, present):
+            if links is not None and links.leads_to(topology, wiring):
+                return links
         self._close_latest()  # of an epoch that was given up: neighbours must not find them at the new ones' port
 
         def given_up() -> bool:
