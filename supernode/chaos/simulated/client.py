@@ -28,7 +28,7 @@ class Asked:
         number: the number that the coordinator gave it; None before it has told.
         accepted: whether the coordinator has said that it has the job.
         refused: why it was refused, or why nothing is known of it any more.
-        told: the improvements that the client was told, in their order.
+        told: the improvements that the client was told before the end, in their order.
         status: its latest known state.
         message: what was said about that state.
         result: its result, as plain values.
@@ -116,7 +116,8 @@ class SimulatedClient:
             asked.ended_at = self._world.now
 
     def _hear(self, asked: Asked, sample: Sample) -> None:
-        asked.told.append(Improvement.decode(sample.payload.to_bytes()))
+        if asked.ended_at is None:  # a spy that was stopped may tell more of a job that has ended
+            asked.told.append(Improvement.decode(sample.payload.to_bytes()))
 
     def _ask(self, session: Any, request: Request) -> Any:
         """Send a request until it is answered; return the answer."""
