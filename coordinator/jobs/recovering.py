@@ -129,7 +129,7 @@ def looks(answers: Sequence[Given]) -> list[dict[str, Any]]:
 def least_stop(kept: Mapping[int, KeptStates]) -> int | None:
     """Return the earliest generation after which living cells will stop; None if they know of no stop.
 
-    If the dead ones alone had told a stop from outside, no new process may hear of it before it has bred too far.
+    If the dead ones alone had told it, new processes would hear of it too late, or never.
     """
     return min((each.stop_at for each in kept.values() if each.stop_at is not None), default=None)
 

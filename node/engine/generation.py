@@ -169,7 +169,8 @@ class Generations:
             "outcome_row": self._outcome,
         }
         # The table holds bare addresses, so everything that they point to must live as long as this object.
-        self._kept = (operators, inbox)
+        self._kept = operators
+        self._inbox = inbox
         self._arrays = arrays
         self.table = at.TABLE.build(**arrays)
         self._inbox_table = inbox.table
@@ -213,9 +214,10 @@ class Generations:
         self._settings[at.STATE_EVERY] = messages
 
     def tell_stop(self, stop_at: int | None) -> None:
-        """Stop after a generation, if there is one: no neighbour may tell it. A stop that is known may be earlier."""
+        """Stop after a generation, if there is one; perhaps no neighbour tells it in time."""
         if stop_at is not None:
             self._settings[at.TOLD_STOP] = stop_at
+            self._inbox.note_stop(stop_at)
 
     def send_state(self) -> None:
         """Let the next message carry the cell's state."""

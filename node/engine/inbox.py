@@ -39,7 +39,7 @@ _KEPT = _COUNT.column("kept")  # messages
 _REFUSED = _COUNT.column("refused")
 _LOST = _COUNT.column("lost")  # in async mode
 _OF_NO_USE = _COUNT.column("of_no_use")  # sound, but repeated or out of time
-_LEAST_STOP = _COUNT.column("least_stop")  # the earliest generation after which a neighbour wants to stop
+_LEAST_STOP = _COUNT.column("least_stop")  # the earliest generation after which others want to stop
 
 # The table by which compiled code finds an inbox's arrays.
 _TABLE = TableLayout()
@@ -257,7 +257,6 @@ class Inbox:
         self.used = np.zeros(len(slots), np.int64)
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
         spare = np.arange(2, 3 + exchanges * others)  # one for each message that may be kept, and one to decode into
-        # A state with half of the improvements that it may have: a ring takes its whole room in the end.
         # With room for one more than it keeps a ring loses none to the gap at its end, however long each state is.
         room = (_STATES_OF_EACH + 1) * plan.limits.most_state_bytes
         rooms, entries, marks = ring.arrays(others, room, _STATES_OF_EACH)
@@ -346,9 +345,13 @@ class Inbox:
         """The number of messages that were sound, but too late, too early or repeated."""
         return self.counts.item(_OF_NO_USE)
 
+    def note_stop(self, stop_at: int) -> None:
+        """Note a generation after which others will stop."""
+        self.counts[_LEAST_STOP] = min(stop_at, self.least_stop)
+
     @property
     def least_stop(self) -> int:
-        """The earliest generation after which a neighbour wants to stop, also by messages that were of no use."""
+        """The earliest generation after which others want to stop, also by messages that were of no use; or NEVER."""
         return self.counts.item(_LEAST_STOP)
 
     @property

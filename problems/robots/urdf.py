@@ -140,8 +140,8 @@ def read_urdf(text: str, where: str = WHERE) -> Urdf:
     for joint in joints:
         if joint.name not in hanging:
             raise BadInput(
-                f"{where}: joint {joint.name!r}: expected a joint below the root link {base!r}, found a closed chain; "
-                f"cut it at one of its joints"
+                f"{where}: joint {joint.name!r}: expected a joint below the root link {base!r}, found one that is on a "
+                f"closed chain, or below it; cut the chain at one of its joints"
             )
     return Urdf(root.get("name", "robot"), named, hanging, base)
 

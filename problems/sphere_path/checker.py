@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # allowed error of places, as a share of the box
 _TOLERANCE = 1e-6  # allowed error of the length, as a share of it
-_MOST_TURNS = 100  # periods that a path may go beyond one for each of its rows: checking takes time for each
+_MOST_SPANS = 100  # of an axis that a path may go beyond one for each of its rows: checking takes time for each
 _ACCURACY = 1e-3  # of a vehicle's clearance, as a share of the vehicle's size
 
 
@@ -79,18 +79,20 @@ def _parsed(problem: SpherePathModel, solution: Solution) -> PathSolution:
     for number, row in enumerate(claimed.path):
         if len(row) != len(problem.start):
             raise BadInput(f"solution: path[{number}]: expected {len(problem.start)} numbers, found {len(row)}")
-    _refuse_a_spin(problem, np.array(claimed.path))
+    _refuse_a_long_way(problem, np.array(claimed.path))
     return claimed
 
 
-def _refuse_a_spin(problem: SpherePathModel, path: Floats) -> None:
-    """Refuse a path that goes round periodic axes for so long that checking it would not end."""
-    periodic = problem.space.periodic
+def _refuse_a_long_way(problem: SpherePathModel, path: Floats) -> None:
+    """Refuse a path that turns, or goes to and fro, for so long that checking it would not end."""
     low, high = problem.space.bounds.T
-    steps = np.abs(np.diff(path, axis=0)) / (high - low)
-    turns, most = steps[:, periodic].sum(), len(path) + _MOST_TURNS
-    if turns > most:
-        raise BadInput(f"solution: path: expected at most {most} periods along periodic axes, found {turns:g}")
+    spans, most = np.sum(np.abs(np.diff(path, axis=0)) / (high - low), axis=0), len(path) + _MOST_SPANS
+    if max(spans) > most:
+        axis = int(np.argmax(spans))
+        raise BadInput(
+            f"solution: path: expected at most {most} times the bounds' width along axis {axis + 1}, "
+            f"found {spans[axis]:g}"
+        )
 
 
 def _wrong_ends(problem: SpherePathModel, path: Floats) -> Iterator[str]:

@@ -439,10 +439,11 @@ def test_check_finds_a_collision_in_the_world():
     )
 
 
-def test_check_refuses_a_path_that_spins_for_too_long():
+@pytest.mark.parametrize("periodic", [[False, False, True], None])
+def test_check_refuses_a_path_that_turns_for_too_long(periodic):
     path = [[0.8, 1.8, 0.0], [0.8, 3.2, 1e9], [3.5, 1.0, 1.0]]
-    with pytest.raises(BadInput, match=r"solution: path: expected at most 103 periods along periodic axes, found 3\.1"):
-        cart().check({"path": path, "crossed": 0, "length": 1.0})
+    with pytest.raises(BadInput, match=r"solution: path: expected at most 103 times .* along axis 3, found 3\.1"):
+        cart(periodic=periodic).check({"path": path, "crossed": 0, "length": 1.0})
 
 
 # Oracle ---------------------------------------------------------------------------------------------------------------

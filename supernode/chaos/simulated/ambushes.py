@@ -34,7 +34,7 @@ class Ambushes:
         self._happened("question", self._questions)
 
     def look(self, every: float) -> None:
-        """Look for cells that propose to stop by themselves, now and then again and again. On the hub."""
+        """Look for cells that have proposed to stop, now and then again and again. On the hub."""
         for process in list(self._cluster.nodes.values()):
             assignment = process.driver.assignment
             if assignment is not None and assignment.cell.rows.proposals:

@@ -15,7 +15,6 @@ from supernode.chaos.simulated.client import Asked, SimulatedClient
 from supernode.chaos.simulated.cluster import Cluster
 from supernode.chaos.simulated.plans import Plan
 from supernode.chaos.simulated.world import World
-from wire.report import Reason
 
 _STANDS_STILL = 10.0  # seconds; lost messages are asked for after a second
 _BY_ITSELF = ("solved", "stalled", "exhausted")  # how a job ends that nobody stops
@@ -171,10 +170,11 @@ class Invariants:
             self._complain(f"{asked.id}: its history is {result['history_sha256']}, a replay's is {history}")
         best = result["fitness"]
         may_be_better = "retry" in done or self._was_told(asked, best)  # a replay tells the last attempt's fitness
-        if fitness is not None and best != fitness and not (may_be_better and best < fitness):
-            self._complain(f"{asked.id}: its fitness is {best}, a replay's is {fitness}")
-        if asked.status in _BY_ITSELF and asked.status != _status(reasons):
-            self._complain(f"{asked.id} is {asked.status}, but the cells of a replay stop by {reasons}")
+        if fitness is not None and best != fitness:
+            if not (may_be_better and best < fitness):
+                self._complain(f"{asked.id}: its fitness is {best}, a replay's is {fitness}")
+        elif asked.status in _BY_ITSELF and asked.status != (status := _status(asked.file, result, expected)):
+            self._complain(f"{asked.id} is {asked.status}, but a replay is {status}, by {reasons}")
 
     def _was_told(self, asked: Asked, best: float | None) -> bool:
         """Return whether the client was told this fitness, if cells may have died, and the problem was not changed."""
@@ -205,8 +205,11 @@ def _expected(key: _Key, directives: str) -> Repetition | str:
         return str(error)
 
 
-def _status(reasons: tuple[Reason, ...]) -> Status:
-    """Return how a run ends whose cells stop for these reasons."""
-    if "target" in reasons:
+def _status(file: ProblemFile, result: dict[str, Any], expected: Repetition) -> Status:
+    """Return how a run ends, as the spy judges it: what came of its answer counts before the reasons of the stop."""
+    target, last = file.run.target, file.run.generations
+    if target is not None and expected.fitness is not None and expected.fitness <= target:
         return "solved"
-    return STATUS_OF[reasons[0]] if reasons else "exhausted"
+    if not expected.reasons or result["generations"] == last:
+        return "exhausted"
+    return STATUS_OF[expected.reasons[0]]

@@ -41,7 +41,7 @@ class Fault:
         seconds: for how long; for a host that is killed or leaves, until it is started again.
         other: the name of another process.
         weather: the network's faults meanwhile.
-        upon: "question", the ``count``-th one of coordinators, or "proposal": so many cells want to stop by themselves.
+        upon: "question", the ``count``-th one of coordinators, or "proposal": so many cells have proposed to stop.
         count: the number of that event.
     """
 
@@ -130,7 +130,7 @@ class Plan:
         requests: what clients ask for later.
         latency: mean seconds of a message on a link, in fair weather.
         work: mean seconds of a node's generation.
-        faults: in the order of time.
+        faults: in the order of their times.
     """
 
     seed: int
@@ -149,10 +149,12 @@ class Plan:
 
     def _longest_away(self, host: str) -> float:
         """Return for how many seconds a host is out of reach at most, without a break that is sure."""
-        away = [fault for fault in self.faults if fault.whom in (host, "router") and fault.do != "leave"]
-        spans = [(fault.at, fault.at + fault.seconds + _BACK_WITHIN) for fault in away]
-        leaves = [fault for fault in self.faults if fault.whom == host and fault.do == "leave"]
-        spans += [(fault.at, fault.at + DRAINED_WITHIN + fault.seconds + _BACK_WITHIN) for fault in leaves]
+        timed = [fault for fault in self.faults if not fault.upon]
+        back = _BACK_WITHIN * (1 + sum(fault.whom == "router" for fault in self.faults if fault.upon))  # at any time
+        away = [fault for fault in timed if fault.whom in (host, "router") and fault.do != "leave"]
+        spans = [(fault.at, fault.at + fault.seconds + back) for fault in away]
+        leaves = [fault for fault in timed if fault.whom == host and fault.do == "leave"]
+        spans += [(fault.at, fault.at + DRAINED_WITHIN + fault.seconds + back) for fault in leaves]
         longest, until = 0.0, -1.0
         began = 0.0
         for start, end in sorted(spans):
