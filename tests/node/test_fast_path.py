@@ -239,8 +239,9 @@ def one_core(monkeypatch):
 
 
 @pytest.fixture
-def pair():
+def pair(monkeypatch):
     """Two neighbours on the fast path, the second with its message for the first still unsent."""
+    monkeypatch.setattr("node.assignment.INLINE_SECONDS", 1.0)  # so that no busy machine takes them off it
     plan = plan_of("onemax", topology="torus 1x2", target=-1.0, generations=3000)
     one, other = LoneNode(plan, 0), LoneNode(plan, 1)
     for _ in range(5):
