@@ -17,12 +17,13 @@ STEPS = ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1))
 """The change of row and column of a step, by heading: 0 towards greater columns, anticlockwise; row 0 is at the top."""
 
 Cell = tuple[int, int]
+_Place = Annotated[int, Field(ge=-(10**9), le=10**9)]  # also off the map, which the check objects to
 
 
 class TerrainSolution(Table):
     """A solution of terrain, as `Terrain.decode` writes it."""
 
-    path: Annotated[list[Cell], Field(min_length=1)]
+    path: Annotated[list[tuple[_Place, _Place]], Field(min_length=1)]
     cost: Annotated[float, Field(ge=0)]
     moves: list[tuple[float, Annotated[int, Field(ge=1)]]]
 

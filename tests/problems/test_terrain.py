@@ -201,6 +201,8 @@ def test_a_wrong_solution_is_objected_to():
     }
     for words, change in wrong.items():
         assert any(words in each for each in problem.check(right | change).objections), words
+    with pytest.raises(BadInput, match=r"solution: path.*1000000000"):
+        problem.check(right | {"path": [[0, 0], [10**400, 1]]})
 
 
 # The oracle -----------------------------------------------------------------------------------------------------------
