@@ -50,7 +50,7 @@ def unpack(text: str) -> Arrays:
             raise ValueError("too long, or cut off")
         size = int.from_bytes(whole[:4], "little")
         return _read(json.loads(whole[4 : 4 + size]), whole, 4 + size)
-    except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, zlib.error) as error:
+    except (LookupError, AttributeError, ValueError, TypeError, OverflowError, RecursionError, zlib.error) as error:
         raise ValueError(f"expected a packed model, found another text ({error})") from error
 
 

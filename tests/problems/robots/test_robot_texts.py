@@ -39,7 +39,15 @@ def test_what_is_packed_comes_back_bit_for_bit(reals, integers, names, count):
         assert back[name].flags.writeable
 
 
-@pytest.mark.parametrize("text", ["", "no text", "eJwDAAAAAAE=", pack({"a": np.ones(400)})[:-8]])
+def packed(head):
+    """As `pack`, with any header and no arrays."""
+    return base64.b64encode(zlib.compress(len(head).to_bytes(4, "little") + head)).decode()
+
+
+OTHER = ["", "no text", "eJwDAAAAAAE=", pack({"a": np.ones(400)})[:-8], packed(b'[[2,"a"]]'), packed(b"[[[],[1]]]")]
+
+
+@pytest.mark.parametrize("text", [*OTHER, packed(b'[["a/which","b"],["a/corners","c"]]')])
 def test_other_texts_are_no_models(text):
     with pytest.raises(ValueError, match="expected"):
         Arm.from_text(text)
