@@ -29,8 +29,7 @@ class Outbox(Ring):
     """
 
     def __init__(self, most_bytes: int, most_bytes_with_state: int) -> None:
-        ((room, entries, marks),) = zip(*arrays(1, max(BYTES, _AT_LEAST * most_bytes), _MOST_MESSAGES), strict=True)
-        super().__init__(room, entries, marks)
+        super().__init__(*(each[0] for each in arrays(1, max(BYTES, _AT_LEAST * most_bytes), _MOST_MESSAGES)))
         self.with_state = np.empty(most_bytes_with_state, np.uint8)
 
     def since(self, generation: int) -> list[bytes]:

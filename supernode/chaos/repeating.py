@@ -11,7 +11,7 @@ from wire.report import Reason
 
 
 class Repetition(NamedTuple):
-    """What comes of a run that is lived through once more.
+    """The outcome of a run that is lived through once more.
 
     Attributes:
         history: its ``history_sha256``; None if it has none.
@@ -25,7 +25,7 @@ class Repetition(NamedTuple):
 
 
 def repeated(file: ProblemFile, directives: Sequence[dict[str, Any]]) -> Repetition:
-    """Repeat a run with these directives.
+    """Return what comes of a run with these directives.
 
     Raises:
         BadInput: if an epoch ends elsewhere, or a directive says that the run cannot be repeated.

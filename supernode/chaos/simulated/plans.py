@@ -143,13 +143,18 @@ class Plan:
     faults: tuple[Fault, ...]
 
     @property
+    def timed(self) -> list[Fault]:
+        """The faults that come at a time, not upon an event."""
+        return [fault for fault in self.faults if not fault.upon]
+
+    @property
     def loses_hosts(self) -> bool:
         """Whether some host may stay away for so long, by one fault after another, that it counts as gone."""
         return any(self._longest_away(host.name) > _LEAST_LOST for host in self.hosts)
 
     def _longest_away(self, host: str) -> float:
         """Return for how many seconds a host is out of reach at most, without a break that is sure."""
-        timed = [fault for fault in self.faults if not fault.upon]
+        timed = self.timed
         back = _BACK_WITHIN * (1 + sum(fault.whom == "router" for fault in self.faults if fault.upon))  # at any time
         away = [fault for fault in timed if fault.whom in (host, "router") and fault.do != "leave"]
         spans = [(fault.at, fault.at + fault.seconds + back) for fault in away]

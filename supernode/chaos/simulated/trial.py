@@ -105,11 +105,11 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
         for request in plan.requests:
             id = f"job-{request.job}"
             world.at(ready + request.at, partial(client.ask, id, request.of(id, plan.jobs[request.job])))
-        ends = [ready + fault.at + fault.seconds for fault in plan.faults if not fault.upon]
-        last = invariants.faults_end = max([ready, *ends])
-        for fault in plan.faults:
-            if not fault.upon:
-                world.at(ready + fault.at, partial(cluster.suffer, fault))
+        last = ready
+        for fault in plan.timed:
+            last = max(last, ready + fault.at + fault.seconds)
+            world.at(ready + fault.at, partial(cluster.suffer, fault))
+        invariants.faults_end = last
         ambushes = Ambushes(world, cluster, plan.faults, invariants.expect_faults_until)
         network.asked = ambushes.asked
         world.at(ready, lambda: invariants.look(_LOOK_EVERY))

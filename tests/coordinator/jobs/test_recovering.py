@@ -99,15 +99,8 @@ def test_the_target_is_reached_all_the_same(seed):
     assert without_counters(bus.run()) == without_counters(simulate(plan))
 
 
-STOPPED = [{"topology": "torus 2x3"}, {"topology": "torus 3x4"}, {"topology": "ring 7"}, {"deme": 4, "interval": 3}]
-
-
-@pytest.mark.parametrize("settings", STOPPED, ids=str)
-@pytest.mark.parametrize("seed", range(20))
-def test_all_stop_after_the_same_generation_though_those_died_who_could_tell_the_stop(settings, seed):
-    run = {"size": 64, "topology": "torus 3x4", "target": -1.0, "seed": seed} | settings
-    source = random.Random(seed)
-    bus = Mortal(plan_of(**run), source, [])
+def tell_a_stop_to_one(bus):
+    """Let the root propose a stop, and step until another cell knows it; return the stop and that cell's number."""
     root, *others = bus.cells
     while root.rows.generation < 12:
         bus.one_step()
@@ -117,8 +110,20 @@ def test_all_stop_after_the_same_generation_though_those_died_who_could_tell_the
     stop = root.rows.stop_at.item(0)
     while all(known_stop(cell.rows, cell.inbox) is None for cell in others):
         bus.one_step()
-    who_knows = next(cell.number for cell in others if known_stop(cell.rows, cell.inbox) is not None)
-    bus.kill([0, source.choice([cell.number for cell in others if cell.number != who_knows])])
+    return stop, next(cell.number for cell in others if known_stop(cell.rows, cell.inbox) is not None)
+
+
+STOPPED = [{"topology": "torus 2x3"}, {"topology": "torus 3x4"}, {"topology": "ring 7"}, {"deme": 4, "interval": 3}]
+
+
+@pytest.mark.parametrize("settings", STOPPED, ids=str)
+@pytest.mark.parametrize("seed", range(20))
+def test_all_stop_after_the_same_generation_though_those_died_who_could_tell_the_stop(settings, seed):
+    run = {"size": 64, "topology": "torus 3x4", "target": -1.0, "seed": seed} | settings
+    source = random.Random(seed)
+    bus = Mortal(plan_of(**run), source, [])
+    stop, who_knows = tell_a_stop_to_one(bus)
+    bus.kill([0, source.choice([cell.number for cell in bus.cells[1:] if cell.number != who_knows])])
     reports = bus.run()
     assert {report.generation for report in reports} == {stop}
     assert [each.digest for each in reports] == [each.digest for each in simulate(plan_of(**run, generations=stop))]
@@ -129,17 +134,8 @@ def test_a_new_process_tells_the_stop_that_it_was_told_if_it_dies_before_it_has_
     run = {"size": 64, "topology": "ring 7", "target": -1.0, "seed": seed}
     source = random.Random(seed)
     bus = Mortal(plan_of(**run), source, [])
-    root, *others = bus.cells
-    while root.rows.generation < 12:
-        bus.one_step()
-    bus.events[0].append(Propose("deadline"))
-    while not root.rows.proposals:
-        bus.one_step()
-    stop = root.rows.stop_at.item(0)
-    while all(known_stop(cell.rows, cell.inbox) is None for cell in others):
-        bus.one_step()
-    who_knows = next(cell.number for cell in others if known_stop(cell.rows, cell.inbox) is not None)
-    told = source.choice([cell.number for cell in others if cell.number != who_knows])
+    stop, who_knows = tell_a_stop_to_one(bus)
+    told = source.choice([cell.number for cell in bus.cells[1:] if cell.number != who_knows])
     bus.kill([0, told])
     while bus.cells[told].state == "prepared":
         bus.one_step()

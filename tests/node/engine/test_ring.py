@@ -20,8 +20,7 @@ def put(room, entries, marks, string, most, key, number):
 
 @given(st.lists(st.tuples(st.binary(min_size=1, max_size=40), st.integers(0, 20)), max_size=60))
 def test_it_holds_the_latest_strings_as_many_as_fit(strings):
-    ((room, entries, marks),) = zip(*ring.arrays(1, ROOM, ENTRIES), strict=True)
-    kept = ring.Ring(room, entries, marks)
+    kept = ring.Ring(*(each[0] for each in ring.arrays(1, ROOM, ENTRIES)))
     assert list(kept) == []
     assert kept.latest_size == 0
     for number, (string, spare) in enumerate(strings):
