@@ -33,6 +33,9 @@ from supernode.chaos.simulated.world import Process, World
 DECLARE = 50e-6
 """Seconds that a declaration takes."""
 
+_TOLD_AGAIN = 0.02
+"""The share of questions for tokens that repeat them to the watchers of the same session; Zenoh does so under load."""
+
 
 class _Asked:
     """A question of this session that is not over."""
@@ -53,6 +56,8 @@ class _Liveliness:
         return self._session.watch(key, handler, history)
 
     def get(self, key: str) -> Iterator[Answer]:
+        if self._session.world.draw.random() < _TOLD_AGAIN:
+            self._session.tell_again(key)
         self._session.spend(DECLARE)
         return iter([Answer(Sample(token, b"")) for token in self._session.tokens() if intersects(key, token)])
 
@@ -198,6 +203,13 @@ class Session(Station):
         """Return the tokens that this session sees, its own too."""
         own = {each.key for each in self._declared if each.kind == "token"}
         return sorted(own.union(each.key for link in self.links for each in link.declared if each.kind == "token"))
+
+    def tell_again(self, key: str) -> None:
+        """Tell the watchers once more of the tokens under a key that they have heard of and that are still there."""
+        for watcher in self._watchers:
+            for token in sorted(watcher.heard.intersection(self.tokens())):
+                if intersects(key, token):
+                    self._call_back(watcher.call, Sample(token, b""), watcher)
 
     def _see(self, token: str, is_there: bool) -> None:
         for watcher in self._watchers[:]:
