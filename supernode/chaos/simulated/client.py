@@ -7,7 +7,7 @@ from coordinator.jobs.states import ENDS
 from problems import ProblemFile
 from supernode.chaos.simulated.network import Network
 from supernode.chaos.simulated.samples import Callback, Sample
-from supernode.chaos.simulated.world import Process, World
+from supernode.chaos.simulated.world import EPOCH, Process, World
 from supernode.chaos.simulated.zenoh_module import Zenoh
 from wire.jobs import Cancel, Done, Request, Show, Submit, decode_answer, encode
 from wire.keys import ANYONE, Keys
@@ -28,7 +28,7 @@ class Asked:
         number: the number that the coordinator gave it; None before it has told.
         accepted: whether the coordinator has said that it has the job.
         refused: why it was refused, or why nothing is known of it any more.
-        told: the improvements that the client was told before the end, in their order.
+        told: the improvements that the client was told before the end, each with its Unix time, in their order.
         status: its latest known state.
         message: what was said about that state.
         result: its result, as plain values.
@@ -41,7 +41,7 @@ class Asked:
     number: int | None = None
     accepted: bool = False
     refused: str | None = None
-    told: list[Improvement] = field(default_factory=list)
+    told: list[tuple[float, Improvement]] = field(default_factory=list)
     status: str = "unknown"
     message: str | None = None
     result: dict[str, Any] | None = None
@@ -114,10 +114,12 @@ class SimulatedClient:
         if asked.status in ENDS and not draining:
             asked.result = shown.get("result")
             asked.ended_at = self._world.now
+            # A spy that was stopped may tell its last answers between the job's end and this question.
+            asked.told = [(at, each) for at, each in asked.told if shown["ended"] is None or at < shown["ended"]]
 
     def _hear(self, asked: Asked, sample: Sample) -> None:
-        if asked.ended_at is None:  # a spy that was stopped may tell more of a job that has ended
-            asked.told.append(Improvement.decode(sample.payload.to_bytes()))
+        if asked.ended_at is None:
+            asked.told.append((EPOCH + self._world.now, Improvement.decode(sample.payload.to_bytes())))
 
     def _ask(self, session: Any, request: Request) -> Any:
         """Send a request until it is answered; return the answer."""

@@ -138,7 +138,7 @@ class Invariants:
 
     def _told(self, asked: Asked, result: dict[str, Any]) -> None:
         """The result is not worse than the best that the client was told in the last epoch."""
-        told = [each for each in asked.told if each.job == asked.number]
+        told = [each for _, each in asked.told if each.job == asked.number]
         best = min((each.fitness for each in told if each.epoch == max(one.epoch for one in told)), default=None)
         if best is not None and (result["fitness"] is None or result["fitness"] > best):
             self._complain(f"{asked.id}: its fitness is {result['fitness']}, but the client was told {best}")
@@ -178,7 +178,7 @@ class Invariants:
 
     def _was_told(self, asked: Asked, best: float | None) -> bool:
         """Return whether the client was told this fitness, if cells may have died, and the problem was not changed."""
-        told = any(each.job == asked.number and each.fitness == best for each in asked.told)
+        told = any(each.job == asked.number and each.fitness == best for _, each in asked.told)
         return told and self._may_lose_cells and "update" not in asked.changed
 
 
