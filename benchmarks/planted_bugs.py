@@ -189,6 +189,12 @@ BUGS = (
     ),
     # What simulation had found in this project, and was mended.
     Bug(
+        "a host may end although a second move of a job begins at its nodes",
+        "coordinator.service.joined",
+        "if nodes == (self._scheduler.nodes_of(number) or ())[: len(nodes)]:",
+        "if nodes:",
+    ),
+    Bug(
         "a coordinator does not recall the hosts of the one before",
         "coordinator.service.host_book",
         "        self._recall()\n",

@@ -209,14 +209,15 @@ class Replacing:
         epoch = Epoch(before.number + 1, file, wiring, since, why=why)
         nodes = enumerate(zip(job.nodes, before.wiring.nodes, strict=False))
         moved = {cell: cell for cell, (node, old) in nodes if node != old}
+        left = set(before.wiring.nodes).difference(job.nodes)
         size = len(next(iter(before.reports.values())).deme)
         demes = {cell: states[cell][-size:] for cell in states}  # a state ends with the deme
         given = {cell: donor for cell, donor in (moved | donors).items() if cell not in states}
         self._preparing.prepare(epoch, demes | {cell: before.reports[donor].deme for cell, donor in given.items()})
         self._preparing.show_to_the_spy(epoch)
         self._preparing.begin(epoch)
-        for cell in moved:
-            job.calls.tell(job.keys.control(before.wiring.nodes[cell]), Drop(job.number))
+        for node in sorted(left):
+            job.calls.tell(job.keys.control(node), Drop(job.number))
         job.unsent_stop = job.stop_request  # a stop in the halted epoch does not hold in this one
 
     def _start_over(self) -> None:

@@ -82,10 +82,11 @@ class JoinedDispatcher(ServiceDispatcher):
         self._log("error", f"the record of hosts: {error}")
 
     def placed(self, job: JobEntry, placement: Placement) -> None:
-        """Note also which nodes the job has left."""
+        """Note also that the job has left nodes, unless another move is on its way, which may begin at those."""
+        number, nodes = job.spec.number, placement.nodes
         with self._lock:
-            number, kept = job.spec.number, placement.nodes
-            self._moving = {node: mover for node, mover in self._moving.items() if mover != number or node in kept}
+            if nodes == (self._scheduler.nodes_of(number) or ())[: len(nodes)]:
+                self._moving = {node: mover for node, mover in self._moving.items() if mover != number}
         super().placed(job, placement)
 
     def replaced(self, node: int | None, crash: str = "") -> None:
