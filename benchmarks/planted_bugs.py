@@ -187,6 +187,12 @@ BUGS = (
         "            return sorted(needed.intersection(nodes))",
         "            return []",
     ),
+    Bug(
+        "a cancel that was answered dies with its coordinator",
+        "coordinator.service.request_handler",
+        "            if job.is_cancelled:\n",
+        "            if job.is_cancelled and not job.nodes:\n",
+    ),
     # What simulation had found in this project, and was mended.
     Bug(
         "a host may end although a second move of a job begins at its nodes",

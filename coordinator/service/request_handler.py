@@ -106,18 +106,21 @@ class RequestHandler:
     def restore(self) -> None:
         """Hand the jobs of the previous coordinator to the dispatcher, running ones first: they must keep their nodes.
 
-        A running job that cannot be taken over is queued again; one past its deadline ends without a result.
+        A running job that cannot be taken over is queued again; one past its deadline ends without a result. Those that
+        clients have cancelled are cancelled again: what was sent of that may be lost.
         """
         unended = self._store.unended()
         living = [job for job in unended if job.status in (*LIVING, "deadline") and job.nodes]
         adopted = {job.number for job in living if self._adopted(job)}
         for job in unended:
             if job.number in adopted:
-                continue
-            if job.status == "deadline":  # its clients have their answer already
+                pass
+            elif job.status == "deadline":  # its clients have their answer already
                 self._recorder.ended(job.number, ClusterFailed("stopped before there was a result"))
             else:
                 self._queue_again(job)
+            if job.is_cancelled:
+                self._dispatcher.cancel(job.number)
 
     def forget(self, number: int) -> None:
         """Note that a job has ended."""
@@ -274,7 +277,8 @@ class RequestHandler:
     def _cancel(self, job: str) -> dict[str, Any]:
         found = self._store.summary(job)
         if found.status not in ENDS:
-            self._dispatcher.cancel(found.number)
+            self._dispatcher.cancel(found.number)  # first: it must work while the disk is full
+            self._store.note_cancel(found.number)
         return {"job": job, "status": found.status}
 
     def _update(self, job: str, patch: dict[str, Any]) -> dict[str, Any]:

@@ -170,6 +170,11 @@ class Store(JobReader):
             self.bytes_ended += weigh(session, number)
             return summary_of(row)
 
+    def note_cancel(self, number: int) -> None:
+        """Store that a client wants a job cancelled: a coordinator that takes over must know."""
+        with self.writing() as session:
+            row_of(session, number).is_cancelled = True
+
     def note_best(self, number: int, fitness: float | None, best: dict[str, Any]) -> None:
         """Store a better answer of a job; ``fitness`` is None if it is not finite."""
         with self.writing() as session:

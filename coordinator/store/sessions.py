@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from coordinator.store.database import Database, StoreFailed
 from coordinator.store.tables import Base, MetaRow
 
-_SCHEMA = 5
+_SCHEMA = 6
 
 
 class StoreSessions:

@@ -97,11 +97,13 @@ class Stored(Answered):
         file: the problem file as it was submitted, as JSON.
         file_now: the problem file of the latest epoch, as JSON.
         wiring: the number of its nodes' links, see `wire.control.Wiring`.
+        is_cancelled: whether a client has been told that it will be cancelled.
     """
 
     file: str = field(repr=False)
     file_now: str = field(repr=False)
     wiring: int
+    is_cancelled: bool
 
 
 def row_of(session: Session, number: int) -> JobRow:

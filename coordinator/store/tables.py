@@ -27,6 +27,7 @@ class JobRow(Base):
     """A job; see `coordinator.store.stored_job` for most columns.
 
     Attributes:
+        is_cancelled: whether a client has been told that the job will be cancelled.
         bytes: about how many bytes an ended job takes, without its records.
         file: the problem file as it was submitted, as JSON.
         changed_file: the problem file of the latest epoch; None for a job in its first epoch.
@@ -50,6 +51,7 @@ class JobRow(Base):
     started: Mapped[float | None] = mapped_column(Double)
     ended: Mapped[float | None] = mapped_column(Double)
     bytes: Mapped[int] = mapped_column(BigInteger, default=0)
+    is_cancelled: Mapped[bool] = mapped_column(default=False)
     message: Mapped[str | None] = mapped_column(Text)
     nodes_json: Mapped[str] = mapped_column("nodes", Text, default="[]")
     wiring: Mapped[int] = mapped_column(BigInteger, default=0)

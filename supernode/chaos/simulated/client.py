@@ -78,7 +78,11 @@ class SimulatedClient:
         self.process.start(lambda: self._tell(id, request), request.name)
 
     def _tell(self, id: str, request: Request) -> None:
-        answer = self._ask(self._session(), request)
+        session = self._session()
+        if isinstance(request, Cancel):  # some jobs end only so; those that nobody knows yet cannot be cancelled
+            while not any(asked.id == id and (asked.accepted or asked.refused) for asked in self.jobs):
+                self._world.sleep(_AGAIN)
+        answer = self._ask(session, request)
         if isinstance(answer, Done) and not isinstance(request, Cancel):
             next(asked for asked in self.jobs if asked.id == id).changed.add(request.name)
         self._world.say(f"client: {request.name} of {id} is answered: {answer}")

@@ -25,6 +25,13 @@ _SHORTEST_WORK = 0.1e-3  # seconds
 _SOON = 0.2  # seconds, in the mean
 _MOST_QUESTIONS = 40  # of coordinators; a trial has some tens
 _AFTER = 3.0  # latencies, in the mean
+_ENDLESS: dict[str, Any] = {
+    "generations": MOST_GENERATIONS - 1,
+    "seconds": None,
+    "target": -1.0,
+    "stall": MOST_GENERATIONS - 1,
+    "restarts": None,
+}
 _TARGETS = (80.0, 40.0, 20.0, 10.0)  # of Rastrigin's function in ten dimensions, which begins at some 100
 
 
@@ -190,6 +197,10 @@ def drawn(seed: int) -> Plan:
         faults = _brought_together(draw, faults, [job.at for job in jobs] + [request.at for request in requests])
     ends = random.Random(f"ends {seed}")
     jobs = [_with_an_end(ends, job) for job in jobs]
+    endless = random.Random(f"endless {seed}")
+    for number in sorted({request.job for request in requests if request.do == "cancel"}):
+        if endless.random() < 0.5:  # so that a cancel that is lost shows
+            jobs[number] = replace(jobs[number], **_ENDLESS)
     faults += _ambushes(random.Random(f"ambushes {seed}"), nodes, latency)
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
     return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)

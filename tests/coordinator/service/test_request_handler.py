@@ -387,6 +387,18 @@ def test_a_job_whose_nodes_have_forgotten_it_starts_over(offices):
     assert states == ["submitted", "queued", "preparing", "running", "queued", "preparing", "running"]
 
 
+@pytest.mark.parametrize("lost", [False, True], ids=["goes on", "starts over"])
+def test_a_cancel_that_was_answered_outlives_the_coordinator(offices, monkeypatch, lost):
+    office = offices()
+    office.ask(Submit(file(), "a"))
+    office.until("a", "running")
+    monkeypatch.setattr(office.dispatcher, "cancel", lambda number: None)  # it dies before the cells know
+    assert office.ask(Cancel("a")) == {"job": "a", "status": "running"}
+    office = offices(make=partial(StubDispatcher, manual=True, lost=lost))
+    office.request_handler.restore()
+    office.until("a", "cancelled")
+
+
 def test_a_restored_job_is_in_the_epoch_that_it_had_reached(offices):
     office = offices()
     office.ask(Submit(file(), "a"))

@@ -472,7 +472,7 @@ def test_a_store_of_another_version_is_refused(tmp_path):
     with sqlite3.connect(tmp_path / "jobs.sqlite") as connection:
         connection.execute("update meta set schema = 7")
     connection.close()
-    with pytest.raises(StoreFailed, match="expected a store of version 5, found 7"):
+    with pytest.raises(StoreFailed, match="expected a store of version 6, found 7"):
         Store(url)
 
 
