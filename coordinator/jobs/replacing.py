@@ -9,7 +9,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.jobs.calls import ASK_AGAIN, ReplacedError, Reported
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
-from coordinator.jobs.job import Placement, Replaced
+from coordinator.jobs.job import Placement, Replaced, Returned
 from coordinator.jobs.preparing import Preparing
 from coordinator.jobs.recovering import Recovering, looks
 from coordinator.jobs.resuming import Resuming
@@ -164,6 +164,8 @@ class Replacing:
                 message = self._job.calls.next(again)
                 if isinstance(message, Replaced):
                     raise ReplacedError(message)
+                if isinstance(message, Returned):  # it may have missed the command
+                    again = min(again, time.monotonic() + ASK_AGAIN)
                 if not isinstance(message, Reported):
                     aside.append(message)
                 elif message.report is None:

@@ -11,7 +11,7 @@ import zenoh
 
 from coordinator.jobs.client_limits import ClientLimits
 from coordinator.jobs.hooks import Hooks
-from coordinator.jobs.job import JobEntry, JobSpec, Moved, Placement
+from coordinator.jobs.job import JobEntry, JobSpec, Moved, Placement, Returned
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.host_book import HOST_TIMEOUT, HostBook
 from coordinator.service.process import Options, run
@@ -95,6 +95,13 @@ class JoinedDispatcher(ServiceDispatcher):
         if node is not None:
             self._tell_movers([node], crash)
 
+    def returned(self, node: int) -> None:
+        """See `Dispatcher.returned`; also a job whose cell is still on its way from the node is told."""
+        super().returned(node)
+        with self._lock:
+            if (job := self._mover(node)) is not None:
+                job.queue.put(Returned(node))
+
     def left(self, nodes: Iterable[int], why: str) -> None:
         """See `Dispatcher.left`; a job whose cells were still on their way goes on without them."""
         nodes = tuple(nodes)
@@ -104,8 +111,11 @@ class JoinedDispatcher(ServiceDispatcher):
     def _tell_movers(self, nodes: Iterable[int], crash: str = "") -> None:
         with self._lock:
             for node in nodes:
-                if (job := self.jobs.get(self._moving.get(node, -1))) is not None:
+                if (job := self._mover(node)) is not None:
                     job.replaced(node, crash)
+
+    def _mover(self, node: int) -> JobEntry | None:
+        return self.jobs.get(self._moving.get(node, -1))
 
     def adopt(self, spec: JobSpec, placement: Placement) -> JobEntry:
         """Take over a job that runs already, also if some of its nodes are on a host that is out of reach for now.
