@@ -111,7 +111,10 @@ class Recovering:
         while True:
             answers = job.calls.ask(questions, 0, give_up=False)
             kept |= {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
-            looking = {look["cell"] for look in looks(answers) if look["epoch"] == job.epoch.number}
+            epochs = {look["cell"]: look["epoch"] for look in looks(answers)}
+            if any(each < job.epoch.number for each in epochs.values()):  # cut off as the epoch began
+                job.ask_for_reports(job.epoch)
+            looking = {cell for cell, each in epochs.items() if each == job.epoch.number}
             # A node in a long evaluation looks, but does not tell yet. One that is stopped does neither.
             is_most = 2 * len(living & kept.keys()) > len(living)
             is_late = time.monotonic() > began + (_ANSWERS_WITHIN if is_most else _MOST_ANSWER_WITHIN)
