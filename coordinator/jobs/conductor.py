@@ -122,8 +122,6 @@ class Conductor:
             return self._ending.after(error)
         finally:
             self.job.oracle.close()
-            if self.job.nodes:
-                self._ending.drop()  # also if the job failed: nodes must not go on breeding for it
 
     def _run(self) -> Judgement:
         """Run epoch after epoch until the job ends; return the judgement of the last one.

@@ -6,6 +6,7 @@ Any thread may call it. One re-entrant lock guards the scheduler, the wirings an
 no hook that waits for the disk is called, and no conductor is joined.
 """
 
+import contextlib
 import itertools
 import threading
 import time
@@ -105,6 +106,7 @@ class Dispatcher:
         self._numbers = itertools.count(first_wiring)
         self._threads: dict[int, threading.Thread] = {}
         self._conductors: dict[int, Conductor] = {}
+        self._ended: set[int] = set()  # numbers of jobs that nodes must not forget yet
         self._deadlines = Alarms(self._end_at_deadline)
         self._growing = Growing(self._lock, self._scheduler, self.jobs)
         self._listener = Listener(session, keys, self.jobs, self._conductors, self.hooks)
@@ -331,14 +333,22 @@ class Dispatcher:
         number = job.spec.number
         self._deadlines.forget(number)
         with self._lock:
+            self._ended.add(number)
             self._scheduler.free(number)
             self.jobs.pop(number, None)
             self._conductors.pop(number, None)
-        self.hooks.ended(number, outcome)
+        self.hooks.ended(number, outcome, partial(self._drop, number))
         job.end(outcome)
         self._start()  # before this thread counts as ended: `wait` must see the threads of jobs that start now
         with self._lock:
             self._threads.pop(number, None)
+
+    def _drop(self, number: int) -> None:
+        """Let nodes and spy forget a job; also if it failed: nodes must not go on breeding for it."""
+        self._ended.discard(number)
+        with contextlib.suppress(zenoh.ZError):  # the session may be closed; then the processes end anyway
+            tell(self.session, self._seal, self.keys.every_control, Drop(number))
+            tell(self.session, self._seal, self.keys.spy_control, Drop(number))
 
 
 def _joined(thread: threading.Thread) -> bool:

@@ -1,9 +1,7 @@
-"""End an epoch or a job: have the spy judge it, ask the oracle once more, and let the processes forget the job."""
+"""End an epoch or a job: have the spy judge it, and ask the oracle once more."""
 
 import contextlib
 from dataclasses import replace
-
-import zenoh
 
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.calls import GivenUpError
@@ -13,7 +11,7 @@ from spy.judgement import STATUS_OF, Judgement
 from spy.past import stopped_after
 from spy.result import states_of, stop_reasons
 from topologies import ROOT
-from wire.control import Drop, Finish, Judged
+from wire.control import Finish, Judged
 from wire.report import Proposal
 
 
@@ -111,10 +109,3 @@ class Ending:
             cancelled = stop_request is not None and stop_request.reason == "cancel" and self._job.calls.closing
             return Judgement("cancelled" if cancelled else "failed", False, str(error), best)
         return Judgement("failed", False, f"{type(error).__name__}: {error}", best)  # some mistake; clients wait
-
-    def drop(self) -> None:
-        """Let nodes and spy forget the job."""
-        job = self._job
-        with contextlib.suppress(zenoh.ZError):  # the session may be closed; then the processes end anyway
-            job.calls.tell(job.keys.every_control, Drop(job.number))
-            job.calls.tell(job.keys.spy_control, Drop(job.number))

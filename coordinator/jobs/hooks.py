@@ -1,6 +1,6 @@
 """The interfaces between the service and the dispatcher: what a dispatcher reports, and what a service asks of it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import zenoh
@@ -38,8 +38,12 @@ class Hooks(Protocol):
     def logged(self, record: LogRecord) -> None:
         """A process has published a log message."""
 
-    def ended(self, number: int, outcome: Result | Exception) -> None:
-        """A job has ended, with a result or because something broke."""
+    def ended(self, number: int, outcome: Result | Exception, drop: Callable[[], None]) -> None:
+        """A job has ended, with a result or because something broke.
+
+        Call ``drop`` once a coordinator that takes over will know that: until then it may need the nodes to end the job
+        again, and they keep their reports.
+        """
 
     def known_hosts(self) -> Sequence[tuple[Host, bool]]:
         """Return the hosts that the previous coordinator knew, each with whether it had given the host up."""
@@ -71,8 +75,9 @@ class NoHooks:
     def logged(self, record: LogRecord) -> None:
         """See `Hooks`."""
 
-    def ended(self, number: int, outcome: Result | Exception) -> None:
+    def ended(self, number: int, outcome: Result | Exception, drop: Callable[[], None]) -> None:
         """See `Hooks`."""
+        drop()
 
     def known_hosts(self) -> Sequence[tuple[Host, bool]]:
         """See `Hooks`."""

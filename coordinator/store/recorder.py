@@ -72,6 +72,7 @@ class _Measured:
 class _Ended:
     number: int
     outcome: Result | Exception
+    drop: Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -179,11 +180,11 @@ class Recorder:
         """Record a log message of a process, and show it."""
         self._events.put(_Logged(record.job, record))
 
-    def ended(self, number: int, outcome: Result | Exception) -> None:
-        """Record the end of a job."""
+    def ended(self, number: int, outcome: Result | Exception, drop: Callable[[], None] = lambda: None) -> None:
+        """Record the end of a job, and then call ``drop``."""
         if (last := self._unwritten.pop(number, None)) is not None:
             self._events.put(last)
-        self._events.put(_Ended(number, outcome))
+        self._events.put(_Ended(number, outcome, drop))
 
     def known_hosts(self) -> list[tuple[Host, bool]]:
         """Return the hosts that are stored, less those of another version of this program."""
@@ -262,7 +263,7 @@ class Recorder:
             for event in events:
                 self._settle([event])
         elif isinstance(event := events[0], _Ended) and not isinstance(event.outcome, StoreFailed):
-            self._settle([_Ended(event.number, error)])
+            self._settle([dataclasses.replace(event, outcome=error)])
 
     def _commit(self, events: list[_Event]) -> None:
         """Write events in one transaction, then publish the new states.
@@ -289,6 +290,7 @@ class Recorder:
                 self._late.discard(event.number)
                 self._measured.pop(event.number, None)
                 self._forget(event.number)
+                event.drop()
             elif isinstance(event, _Placed):
                 event.written.set()
 
@@ -328,7 +330,7 @@ class Recorder:
                 case _Improved(number, improvement, _):
                     best = plain(dataclasses.asdict(improvement))
                     self._store.note_best(number, best["fitness"], best)
-                case _Ended(number, outcome):
+                case _Ended(number, outcome, _):
                     return self._write_end(number, outcome)
         except (WrongTransition, UnknownJob) as error:  # the other events of this batch must still be written
             self._log(log_record("warning", str(error), event.number))

@@ -94,7 +94,7 @@ class StubDispatcher:
                 return
             self.scheduler.remove(number)
             self.scheduler.free(number)
-            self.hooks.ended(number, result(spec, status))
+            self.hooks.ended(number, result(spec, status), lambda: None)
             self._start()
 
     def _start(self):

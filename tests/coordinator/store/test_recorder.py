@@ -163,6 +163,24 @@ def test_while_the_database_is_away_each_line_of_the_log_is_shown_once(bench, mo
     assert [row[stored["columns"].index("text")] for row in stored["rows"]] == ["first line", "second line"]
 
 
+def test_nodes_keep_their_job_until_its_end_is_written(bench, monkeypatch):
+    monkeypatch.setattr(module, "_TRY_AGAIN", 0.01)
+    bench.store.add(NEW, "a")
+    end, known, dropped = bench.store.end, [], threading.Event()
+    failures = iter([StoreFailed("the disk is full", passing=True)] * 2)
+
+    def fail_twice(*arguments, **options):
+        known.append("tried")
+        if (error := next(failures, None)) is not None:
+            raise error
+        return end(*arguments, **options)
+
+    monkeypatch.setattr(bench.store, "end", fail_twice)
+    bench.recorder.ended(1, BadInput("over"), lambda: (known.append(bench.store.show("a").status), dropped.set()))
+    assert dropped.wait(20)
+    assert known == ["tried", "tried", "tried", "failed"]
+
+
 def test_an_end_whose_result_cannot_be_written_is_an_end_all_the_same(bench, monkeypatch):
     bench.store.add(NEW, "a")
     end = bench.store.end
