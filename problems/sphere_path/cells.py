@@ -76,24 +76,27 @@ def subdivide(space: Space, translations: int, accuracy: float, clearance: Clear
     """
     level, kinds, spheres = _whole(space), list[Kinds](), 0
     while len(level.centres):
-        kinds.append(_kinds(level, space, translations, accuracy, clearance))
-        # Checked on every level, so that a too fine accuracy fails before it costs minutes.
+        gaps = clearance(level.centres / space.scale)
+        kinds.append(_kinds(level, gaps, translations, accuracy))
+        halved = kinds[-1] == HALVED
         spheres += int(np.count_nonzero(kinds[-1] == CLOSED))
-        level = level.halved(kinds[-1] == HALVED)
-        if spheres > MOST_SPHERES or len(level.centres) > _MOST_CELLS:
+        # Both halves of a cell have its centre. If that is in collision, each will need a sphere at least.
+        needed = spheres + 2 * int(np.count_nonzero(halved & (gaps == 0.0)))
+        level = level.halved(halved)
+        # Checked on every level, so that a too fine accuracy fails before it costs minutes.
+        if needed > MOST_SPHERES or len(level.centres) > _MOST_CELLS:
             raise ValueError(f"accuracy: expected one that needs at most {MOST_SPHERES:,} spheres, found {accuracy:g}")
     return base64.b64encode(zlib.compress(np.concatenate(kinds).tobytes(), 9)).decode()
 
 
-def _kinds(level: _Level, space: Space, translations: int, accuracy: float, clearance: Clearance) -> Kinds:
-    gap = clearance(level.centres / space.scale)
+def _kinds(level: _Level, gaps: Floats, translations: int, accuracy: float) -> Kinds:
     radius = float(np.linalg.norm(level.half))
     # How far any point of the vehicle can move between the cell's centre and a place in the cell. Angles count as arcs
     # of the vehicle's farthest point; no point is farther from an axis of rotation than that one is from the origin.
     moved = float(np.linalg.norm(level.half[:translations]) + level.half[translations:].sum())
-    free = gap > moved
+    free = gaps > moved
     # A translation by the gap brings the vehicle into contact, so a configuration in collision is that near the centre.
-    close = radius + gap <= accuracy
+    close = radius + gaps <= accuracy
     kinds: Kinds = np.where(free, FREE, np.where(close, CLOSED, HALVED)).astype(np.uint8)
     return kinds
 
