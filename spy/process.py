@@ -13,6 +13,7 @@ the queue. The main thread does everything else.
 """
 
 import contextlib
+import json
 import queue
 import threading
 import time
@@ -33,7 +34,7 @@ from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
 from wire.champion import Champion
-from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused, Wiring
+from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Look, Prepare, Refused, Wiring
 from wire.exchange import Messages
 from wire.news import Counters, Improvement
 from wire.seal import Seal
@@ -296,13 +297,19 @@ class SpyProcess:
             query.reply(query.key_expr, control.encode_answer(answer))
 
     def _obey(self, command: control.Command) -> Answer:
-        if isinstance(command, Prepare):
-            return self._prepare(command)
-        if isinstance(command, Drop):
-            self._forget(command.job)
-            return Done()
-        if not isinstance(command, Begin | Finish):
-            return Refused("that is a command for nodes")
+        match command:
+            case Prepare():
+                return self._prepare(command)
+            case Drop(job):
+                self._forget(job)
+                return Done()
+            case Look(job):
+                return Done(json.dumps(self._best_of(job)))
+            case Begin() | Finish():
+                return self._obey_in_an_epoch(command)
+        return Refused("that is a command for nodes")
+
+    def _obey_in_an_epoch(self, command: Begin | Finish) -> Answer:
         assignment = self.assignments.get(command.job)
         if assignment is None or command.epoch != assignment.plan.epoch:
             return Refused(f"the spy is not at job {command.job}, epoch {command.epoch}", "stranger")
@@ -356,6 +363,12 @@ class SpyProcess:
         assignment.rates.clear()  # no cell sends any more, though the job may be kept alive
         judgement = verify(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         return judgement.answer()
+
+    def _best_of(self, job: int) -> str | None:
+        """Return the best answer of a job, encoded, in hexadecimal digits."""
+        assignment = self.assignments.get(job)
+        best = None if assignment is None else assignment.collector.best
+        return None if best is None else best.encode().hex()
 
     def _forget(self, job: int) -> None:
         assignment = self.assignments.pop(job, None)

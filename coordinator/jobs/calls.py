@@ -5,7 +5,9 @@ While it waits for the answers to one question it puts other messages off, excep
 a replaced process, and (where the caller allows it) a stop request.
 """
 
+import contextlib
 import itertools
+import json
 import queue
 import time
 from collections import deque
@@ -21,6 +23,7 @@ from problems import BadInput
 from wire import control, sessions
 from wire.callbacks import direct
 from wire.control import Command, Done, Finish, Judged, Look, Prepare, Refused, TellStates
+from wire.news import Improvement
 from wire.report import Report
 from wire.seal import Seal
 from wire.strict import Rejected
@@ -310,6 +313,26 @@ class Calls:
 def tell(session: zenoh.Session, seal: Seal, key: str, command: Command) -> None:
     """Send a command to all processes that ``key`` reaches, without waiting for the answers. Any thread may call it."""
     _get(session, seal, key, command, direct(lambda _: None), _TOLD_WITHIN)
+
+
+def best_told(session: zenoh.Session, seal: Seal, key: str, job: int) -> Improvement | None:
+    """Return the best answer of a job that the spy has told; None if it knows none, or does not answer soon.
+
+    Args:
+        session: a session of the coordinator.
+        seal: signs the question.
+        key: the key of the spy's commands.
+        job: the job's number.
+    """
+    payload = seal.close(key, control.encode(Look(job)))
+    for reply in session.get(key, payload=payload, timeout=_SOON):
+        if reply.ok is None:
+            continue
+        with contextlib.suppress(Rejected, TypeError, ValueError):
+            answer = control.decode_answer(reply.ok.payload.to_bytes())
+            if isinstance(answer, Done):
+                return Improvement.decode(bytes.fromhex(json.loads(answer.note)))
+    return None
 
 
 def _get(session: zenoh.Session, seal: Seal, key: str, command: Command, handler: Any, timeout: float) -> None:

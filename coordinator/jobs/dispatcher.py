@@ -6,7 +6,6 @@ Any thread may call it. One re-entrant lock guards the scheduler, the wirings an
 no hook that waits for the disk is called, and no conductor is joined.
 """
 
-import contextlib
 import itertools
 import threading
 import time
@@ -22,6 +21,7 @@ from coordinator.jobs.alarms import Alarms
 from coordinator.jobs.calls import tell
 from coordinator.jobs.client_limits import NO_LIMITS, ClientLimits
 from coordinator.jobs.conductor import Conductor
+from coordinator.jobs.forgetting import Forgetting
 from coordinator.jobs.growing import Growing
 from coordinator.jobs.hooks import Hooks, NoHooks
 from coordinator.jobs.job import Failure, JobEntry, JobSpec, Placement, Returned, StopRequest
@@ -102,11 +102,11 @@ class Dispatcher:
         )
         if wired and nodes:
             self._scheduler.wired(nodes, topology)
-            self._note(topology, Wiring(0, nodes))
+            self._wirings = dict.fromkeys(nodes, (topology, Wiring(0, nodes)))
         self._numbers = itertools.count(first_wiring)
         self._threads: dict[int, threading.Thread] = {}
         self._conductors: dict[int, Conductor] = {}
-        self._ended: set[int] = set()  # numbers of jobs that nodes must not forget yet
+        self._forgetting = Forgetting(session, keys, seal)
         self._deadlines = Alarms(self._end_at_deadline)
         self._growing = Growing(self._lock, self._scheduler, self.jobs)
         self._listener = Listener(session, keys, self.jobs, self._conductors, self.hooks)
@@ -146,7 +146,7 @@ class Dispatcher:
             # First: its links may be open still.
             wiring = self._node_hosts.taken_over(placement.wiring, placement.nodes)
             self._scheduler.occupy(spec.number, placement.nodes, topology, spec.client)
-            self._note(topology, wiring)
+            self._wirings |= dict.fromkeys(wiring.nodes, (topology, wiring))
             self.jobs[spec.number] = job
         self._set_deadline(spec)
         self._conduct(job, placement.nodes, placement)
@@ -270,11 +270,8 @@ class Dispatcher:
                 if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:  # in this order too
                     return wiring
             wiring = self._node_hosts.wiring(self._node_hosts.number(self._numbers, nodes), nodes)
-            self._note(topology, wiring)
+            self._wirings |= dict.fromkeys(wiring.nodes, (topology, wiring))
             return wiring
-
-    def _note(self, topology: str, wiring: Wiring) -> None:
-        self._wirings |= dict.fromkeys(wiring.nodes, (topology, wiring))
 
     def open_links(self, node: int, wirings: Sequence[int]) -> None:
         """Note the wirings whose links a node has, which a coordinator before this one has made."""
@@ -333,22 +330,15 @@ class Dispatcher:
         number = job.spec.number
         self._deadlines.forget(number)
         with self._lock:
-            self._ended.add(number)
+            forget = self._forgetting.later(number)
             self._scheduler.free(number)
             self.jobs.pop(number, None)
             self._conductors.pop(number, None)
-        self.hooks.ended(number, outcome, partial(self._drop, number))
+        self.hooks.ended(number, outcome, forget)
         job.end(outcome)
         self._start()  # before this thread counts as ended: `wait` must see the threads of jobs that start now
         with self._lock:
             self._threads.pop(number, None)
-
-    def _drop(self, number: int) -> None:
-        """Let nodes and spy forget a job; also if it failed: nodes must not go on breeding for it."""
-        self._ended.discard(number)
-        with contextlib.suppress(zenoh.ZError):  # the session may be closed; then the processes end anyway
-            tell(self.session, self._seal, self.keys.every_control, Drop(number))
-            tell(self.session, self._seal, self.keys.spy_control, Drop(number))
 
 
 def _joined(thread: threading.Thread) -> bool:

@@ -38,11 +38,11 @@ class Hooks(Protocol):
     def logged(self, record: LogRecord) -> None:
         """A process has published a log message."""
 
-    def ended(self, number: int, outcome: Result | Exception, drop: Callable[[], None]) -> None:
+    def ended(self, number: int, outcome: Result | Exception, forget: Callable[[], None]) -> None:
         """A job has ended, with a result or because something broke.
 
-        Call ``drop`` once a coordinator that takes over will know that: until then it may need the nodes to end the job
-        again, and they keep their reports.
+        Call ``forget`` once a coordinator that takes over will know that: until then it may need the nodes, which keep
+        their reports, to end the job again.
         """
 
     def known_hosts(self) -> Sequence[tuple[Host, bool]]:
@@ -75,9 +75,9 @@ class NoHooks:
     def logged(self, record: LogRecord) -> None:
         """See `Hooks`."""
 
-    def ended(self, number: int, outcome: Result | Exception, drop: Callable[[], None]) -> None:
+    def ended(self, number: int, outcome: Result | Exception, forget: Callable[[], None]) -> None:
         """See `Hooks`."""
-        drop()
+        forget()
 
     def known_hosts(self) -> Sequence[tuple[Host, bool]]:
         """See `Hooks`."""
@@ -105,6 +105,10 @@ class JobRunner(Protocol):
 
     def adopt(self, spec: JobSpec, placement: Placement) -> JobEntry:
         """Take over a job that runs already."""
+        ...
+
+    def best_told(self, number: int) -> Improvement | None:
+        """Return the best answer of a job that clients may have been told; None if nobody knows one."""
         ...
 
     def restored(self) -> None:

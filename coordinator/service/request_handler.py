@@ -192,11 +192,13 @@ class RequestHandler:
 
     def _queue_again(self, job: Stored) -> None:
         """Let a stored job go on from its latest checkpoint, or start over; end it as failed if neither is possible."""
+        best = _best_of(job)
         if job.status != "queued":
+            best = self._with_the_last_told(job, best)
             self._recorder.changed(job.number, "queued", ())
         try:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
-            spec = dataclasses.replace(self._spec(job, file), best=_best_of(job), first=first)
+            spec = dataclasses.replace(self._spec(job, file), best=best, first=first)
             if (checkpoint := self._checkpoint_of(job)) is not None:
                 spec = dataclasses.replace(spec, past=checkpoint.past, checkpoint=checkpoint)
             else:
@@ -204,6 +206,14 @@ class RequestHandler:
             self._hand_over(job, spec, accepted_before=True)
         except Exception as error:
             self._recorder.ended(job.number, error)
+
+    def _with_the_last_told(self, job: Stored, best: Improvement | None) -> Improvement | None:
+        """Return the best answer, which may be one that the spy told while no coordinator lived to store it."""
+        told = self._dispatcher.best_told(job.number)
+        if told is None or told.epoch != job.epoch or (best is not None and told.order <= best.order):
+            return best
+        self._recorder.improved(job.number, told)
+        return told
 
     def _checkpoint_of(self, job: Stored) -> Checkpoint | None:
         """Return the latest checkpoint of the epoch that a job is in, if there is one that is whole."""

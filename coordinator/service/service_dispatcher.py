@@ -13,7 +13,7 @@ import zenoh
 
 import topologies
 from coordinator.jobs.blocks import edges_between
-from coordinator.jobs.calls import tell
+from coordinator.jobs.calls import best_told, tell
 from coordinator.jobs.client_limits import ClientLimits
 from coordinator.jobs.dispatcher import Dispatcher
 from coordinator.jobs.hooks import Hooks
@@ -21,7 +21,7 @@ from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.roster import Roster
 from wire.control import Drop
 from wire.keys import Keys
-from wire.news import Counters, LogRecord
+from wire.news import Counters, Improvement, LogRecord
 from wire.seal import Seal
 
 _STRAY_AFTER = 3.0  # seconds from the first counters for a job that has ended
@@ -89,6 +89,10 @@ class ServiceDispatcher(Dispatcher):
         job, _ = self.place_of(node)
         return None if job is None else job.spec.job
 
+    def best_told(self, number: int) -> Improvement | None:
+        """Return the best answer of a job that the spy knows; None if it knows none, or does not answer soon."""
+        return best_told(self.session, self._seal, self.keys.spy_control, number)
+
     def restored(self) -> None:
         """Note that all jobs of the previous coordinator are known."""
         self._is_restored = True
@@ -108,7 +112,7 @@ class ServiceDispatcher(Dispatcher):
                 threading.Thread(target=self._end_stray, args=stray, name="stray", daemon=True).start()
 
     def _is_over(self, job: int) -> bool:
-        return self._is_restored and self._scheduler.nodes_of(job) is None and job not in self._ended
+        return self._is_restored and self._scheduler.nodes_of(job) is None and job not in self._forgetting.put_off
 
     def _end_stray(self, node: int, job: int) -> None:
         # With the lock, or the job might begin again, from a checkpoint, between the look and the question.

@@ -72,7 +72,7 @@ class _Measured:
 class _Ended:
     number: int
     outcome: Result | Exception
-    drop: Callable[[], None]
+    forget: Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -180,11 +180,11 @@ class Recorder:
         """Record a log message of a process, and show it."""
         self._events.put(_Logged(record.job, record))
 
-    def ended(self, number: int, outcome: Result | Exception, drop: Callable[[], None] = lambda: None) -> None:
-        """Record the end of a job, and then call ``drop``."""
+    def ended(self, number: int, outcome: Result | Exception, forget: Callable[[], None] = lambda: None) -> None:
+        """Record the end of a job, and then call ``forget``."""
         if (last := self._unwritten.pop(number, None)) is not None:
             self._events.put(last)
-        self._events.put(_Ended(number, outcome, drop))
+        self._events.put(_Ended(number, outcome, forget))
 
     def known_hosts(self) -> list[tuple[Host, bool]]:
         """Return the hosts that are stored, less those of another version of this program."""
@@ -290,7 +290,7 @@ class Recorder:
                 self._late.discard(event.number)
                 self._measured.pop(event.number, None)
                 self._forget(event.number)
-                event.drop()
+                event.forget()
             elif isinstance(event, _Placed):
                 event.written.set()
 

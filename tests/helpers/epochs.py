@@ -29,8 +29,8 @@ class States:
     def lived(self, number, epoch, records):
         pass
 
-    def ended(self, number, outcome, drop):
-        drop()
+    def ended(self, number, outcome, forget):
+        forget()
 
     def wait(self, job, status, times=1, timeout=60):
         """Until a job has come into a state so many times."""

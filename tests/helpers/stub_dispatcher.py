@@ -23,6 +23,7 @@ class StubDispatcher:
         self.orders = {}
         self.asked = []
         self.placings = {}
+        self.told = {}  # by job, what the spy knows
         self._manual = manual
         self._lost = lost  # whether nodes have forgotten their jobs
         self._lock = threading.RLock()
@@ -48,6 +49,9 @@ class StubDispatcher:
                 raise BadInput("they know nothing of it")
             self.scheduler.occupy(spec.number, placement.nodes, placement.file.run.topology)
             self._time(spec)
+
+    def best_told(self, number):
+        return self.told.get(number)
 
     def restored(self):
         pass
