@@ -206,12 +206,10 @@ class Calls:
                 raise ReplacedError(news)
             if isinstance(news, StopRequest) and give_up:
                 raise GivenUpError(news)
-            if isinstance(news, Returned):
-                if for_nodes_back:
-                    raise _ReturnedError
-                continue
             if not isinstance(news, _Answer):
-                self._put_off.append(news)
+                self._put_off.append(news)  # a node that is back may have missed an earlier question as well
+                if isinstance(news, Returned) and for_nodes_back:
+                    raise _ReturnedError
                 continue
             if news.question != number:  # a late answer to an earlier question, whose waiting was ended
                 continue
@@ -242,8 +240,7 @@ class Calls:
                 raise ReplacedError(news)
             if isinstance(news, StopRequest) and give_up:
                 raise GivenUpError(news)
-            if not isinstance(news, Returned):
-                self._put_off.append(news)
+            self._put_off.append(news)
 
     def ask_for_reports(self, key: str, command: control.Begin | control.Halt) -> int:
         """Have the report of each cell that ``key`` reaches queued once it stops; return the question's number."""
