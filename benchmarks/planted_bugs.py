@@ -225,10 +225,16 @@ BUGS = (
         "            elif now < self._strays.setdefault(stray, now):",
     ),
     Bug(
+        "a node that is back is not asked for its report if others were asked for something else",
+        "coordinator.jobs.calls",
+        "self._put_off.append(news)  # a node that is back may have missed an earlier question as well",
+        "self._put_off.extend([] if isinstance(news, Returned) else [news])",
+    ),
+    Bug(
         "an epoch is not prepared again for nodes that are back",
         "coordinator.jobs.calls",
-        "                if for_nodes_back:",
-        "                if for_nodes_back and not self._replaces:",
+        "if isinstance(news, Returned) and for_nodes_back:",
+        "if isinstance(news, Returned) and for_nodes_back and not self._replaces:",
     ),
     Bug(
         "the death of a node is not told to a job that moves away from it",
