@@ -111,7 +111,7 @@ class Recovering:
         while True:
             answers = job.calls.ask(questions, 0, give_up=False)
             kept |= {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
-            epochs = {look["cell"]: look["epoch"] for look in looks(answers)}
+            epochs = {look["cell"]: look["epoch"] for look in looks(answers) if look["cell"] is not None}
             if any(each < job.epoch.number for each in epochs.values()):  # cut off as the epoch began
                 job.ask_for_reports(job.epoch)
             looking = {cell for cell, each in epochs.items() if each == job.epoch.number}
@@ -124,9 +124,8 @@ class Recovering:
 
 
 def looks(answers: Sequence[Given]) -> list[dict[str, Any]]:
-    """Return what the nodes that have a cell of the job say of it in their answers to `Look`."""
-    found = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
-    return [look for look in found if look["cell"] is not None]
+    """Return what nodes say in their answers to `Look`; the cell is None if they have none of the job."""
+    return [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
 
 
 def least_stop(kept: Mapping[int, KeptStates]) -> int | None:

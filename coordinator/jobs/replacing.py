@@ -18,8 +18,7 @@ from spy.past import Past
 from topologies import Topology, Torus
 from wire.control import Drop, Halt, Look, Wiring
 
-_FOUND_WITHIN = 1.0  # seconds; a running node finds a restarted router in a fifth of that
-_ANSWERED_WITHIN = 5.0  # seconds; a router that stands still for a moment lets no question through
+_PRESENT_WITHIN = 150.0  # seconds; a host may be out of reach for almost as long
 _HALTED_WITHIN = 150.0  # seconds; a host may be out of reach for almost as long
 _EXACT_WITHIN = 15.0  # seconds for which exact recovery is begun again while more and more processes die
 
@@ -58,25 +57,23 @@ class Replacing:
                 job.stop_everywhere(epoch.number - 1, "update")
 
     def _present_cells(self, epoch: Epoch) -> set[int]:
-        """Return the cells whose nodes hold this job; allow a second for nodes that still look for the router.
+        """Return the cells whose nodes hold this job; wait until each node has answered, or its new process has.
 
-        A node that has answered once is there until it is told to have died: a question without answers may just not
-        have come through the router.
+        A node that does not answer may only be cut off, and breed with its neighbours: nobody may take its place then,
+        from states that they go on from. One that has answered is there until it is told to have died.
         """
-        job = self._job
-        began, is_answered = time.monotonic(), False
-        cells: dict[int, int] = {}  # by node
+        job, until = self._job, time.monotonic() + _PRESENT_WITHIN
+        cells: dict[int, int | None] = {}  # by node; None for one that does not have the job
         while True:
             try:
                 answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
-                is_answered = is_answered or bool(answers)
                 for look in looks(answers):
-                    job.versions = look["versions"]
-                    job.dispatch.open_links(look["node"], look["wirings"])
                     cells[look["node"]] = look["cell"]
-                within = _FOUND_WITHIN if is_answered else _ANSWERED_WITHIN
-                if len(cells) == epoch.cells or time.monotonic() >= began + within:
-                    return set(cells.values())
+                    if look["cell"] is not None:
+                        job.versions = look["versions"]
+                        job.dispatch.open_links(look["node"], look["wirings"])
+                if cells.keys() >= set(epoch.wiring.nodes) or time.monotonic() >= until:
+                    return {cell for cell in cells.values() if cell is not None}
                 job.calls.wait(ASK_AGAIN)
             except ReplacedError as died:
                 if died.node is not None:

@@ -103,7 +103,7 @@ class Running:
         """
         job = self._job
         answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
-        epochs = [look["epoch"] for look in looks(answers)]
+        epochs = [look["epoch"] for look in looks(answers) if look["cell"] is not None]
         return len(epochs) == job.epoch.cells and set(epochs) == {job.epoch.number}
 
     def _send_what_was_put_off(self) -> None:
