@@ -97,7 +97,8 @@ class Preparing:
         since = job.epochs.since - job.lived_before
         command, nodes, key = self._preparation(epoch, since), epoch.wiring.nodes, job.keys.control
         questions = [(key(nodes[cell]), replace(command, takeover=each)) for cell, each in takeovers.items()]
-        self._note_versions(epoch, job.calls.ask(questions, len(questions), give_up=not job.epochs))
+        answers = job.calls.ask(questions, len(questions), give_up=not job.epochs, for_nodes_back=True)
+        self._note_versions(epoch, answers)
 
     def _preparation(self, epoch: Epoch, since: int | None = None, deme: bytes = b"") -> Prepare:
         place = self._job.number, epoch.number, epoch.file.to_json(), epoch.wiring
