@@ -268,7 +268,7 @@ def _drain(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> None:
 
 
 def _numbers(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> tuple[int, ...]:
-    """Ask for the nodes' numbers until a coordinator gives some; it gives none while the cluster has no room.
+    """Ask for the nodes' numbers until a coordinator gives some; it gives none while there is no room, or no disk.
 
     Raises:
         ClusterFailed: if the coordinator refuses the host.

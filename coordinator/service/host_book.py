@@ -190,7 +190,7 @@ class HostBook:
         if isinstance(message, zenoh.Query):
             with message:
                 answer = self._answer(message)
-                self._keep()  # before the host knows its numbers, so that no other one ever gets them
+                self._keep()
                 message.reply(self._keys.nodes, jobs.encode_answer(answer))
         elif isinstance(message, _Seen):
             self._notice(message)
@@ -248,12 +248,21 @@ class HostBook:
         if asking.leaving:
             return Done([] if known is None else self._needed_of(known))
         if known is not None:  # it did not get the first answer
-            return Done(list(known.nodes))
+            return self._giving(known.nodes)
         known_ones = (*self._hosts.values(), *self._lost.values())
         before = next((host for host in known_ones if host.name == asking.name), None)
         if before is not None and before.id in self._hosts and before.id not in self._away:
             return Refused(f"a host named {asking.name} has joined already: give this one another name (--host)")
-        return Done(list(self._let_in(asking, before)))
+        return self._giving(self._let_in(asking, before))
+
+    def _giving(self, nodes: tuple[int, ...]) -> Done:
+        """Return the answer to a host that gets these numbers; none as long as they are not stored, so it asks again.
+
+        A coordinator that takes over would give them to another host if this one was cut off just then.
+        """
+        self._keep()
+        stored = {node for host, _ in self._kept for node in host.nodes}
+        return Done(list(nodes) if stored.issuperset(nodes) else [])
 
     def _needed_of(self, host: Host) -> list[int]:
         """Return the nodes that jobs still need of a host that is about to end."""

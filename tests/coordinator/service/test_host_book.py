@@ -32,13 +32,15 @@ class Memory(NoHooks):
 
     def __init__(self):
         self.hosts = []
+        self.is_full = False
 
     def known_hosts(self):
         return self.hosts
 
     def keep_hosts(self, hosts):
-        self.hosts = list(hosts)
-        return True
+        if not self.is_full:
+            self.hosts = list(hosts)
+        return not self.is_full
 
 
 class Room:
@@ -143,6 +145,15 @@ def test_one_that_comes_again_in_time_gets_its_numbers_again(room):
     room.go("b1")
     assert until_let_in(room, "b2", "b", 1) == (2,)
     assert room.left.get(timeout=10).nodes == (3,)
+
+
+def test_one_gets_no_numbers_before_they_are_stored(room):
+    assert room.join("a1", "a", 2) == (0, 1)
+    room.memory.is_full = True
+    assert room.join("b1", "b", 1) == ()
+    assert room.ask(Host("a1", "a", 2)) == Done([0, 1])
+    room.memory.is_full = False
+    assert room.ask(Host("b1", "b", 1)) == Done([2])
 
 
 def test_one_that_stays_away_has_left(room):
