@@ -309,10 +309,10 @@ BUGS = (
         "self._mark_dead(another.node)",
     ),
     Bug(
-        "the last question for nodes counts alone at a takeover",
+        "a node that does not answer a first question at a takeover counts as dead",
         "coordinator.jobs.replacing",
-        "                for look in looks(answers):\n                    job.versions",
-        "                cells.clear()\n                for look in looks(answers):\n                    job.versions",
+        "                if cells.keys() >= set(epoch.wiring.nodes) or time.monotonic() >= until:",
+        "                if cells:",
     ),
 )
 
