@@ -97,7 +97,6 @@ class HostBook:
         self._drained: set[str] = set()  # ids of hosts that no job needs and that are about to end
         self._lost: dict[str, Host] = {}  # by id, hosts that were given up, but may only have been cut off
         self._away: dict[str, float] = {}  # ids of the other hosts, with the time (monotonic) when they count as gone
-        self._recalled: set[str] = set()  # ids of hosts that the previous coordinator knew
         self._mail: queue.SimpleQueue[zenoh.Query | _Seen] = queue.SimpleQueue()
         self._recall()
         self._ask_all()  # before any host can ask for numbers: those that are in use must not be given again
@@ -111,14 +110,9 @@ class HostBook:
         """Return the name of the host that a node runs on; None if no host has it. Any thread may call this."""
         return next((host.name for host in list(self._hosts.values()) if node in host.nodes), None)
 
-    def some_stayed(self) -> bool:
-        """Return whether some hosts live on from the time of the previous coordinator. Any thread may call this."""
-        return not self._recalled.isdisjoint(list(self._present))
-
     def _recall(self) -> None:
         """Note the hosts that the previous coordinator knew; those that are gone will not come back in time."""
         for host, given_up in self._hooks.known_hosts():
-            self._recalled.add(host.id)
             if given_up:
                 self._lost[host.id] = host
             else:

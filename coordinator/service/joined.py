@@ -127,8 +127,8 @@ class JoinedDispatcher(ServiceDispatcher):
         with self._lock:
             known = {node for node in placement.nodes if self._node_hosts.place_of(node)}
             away = known.difference(self._scheduler.here)
-            if len(away) == len(placement.nodes) and not self._book.some_stayed():
-                away = set()  # most likely all was ended, and some hosts will not come back
+            if len(away) == len(placement.nodes):  # most likely all was ended, and some hosts will not come back
+                away = set()
             self._scheduler.join(away)
             try:
                 return super().adopt(spec, placement)
