@@ -169,7 +169,7 @@ class Calls:
             try:
                 answers = self._ask_once(questions, give_up, for_nodes_back)
             except _ReturnedError:  # others return with it: a moment later one question reaches them all
-                answers = []
+                answers, until = [], time.monotonic() + _REPLACED_WITHIN
             if len(answers) >= expected:
                 return answers
             # If the router has died there is no news at all, so this asks again. If a process has died, this raises.

@@ -329,8 +329,8 @@ class Dispatcher:
             outcome = error
         number = job.spec.number
         self._deadlines.forget(number)
+        forget = self._forgetting.after(number, outcome)
         with self._lock:
-            forget = self._forgetting.later(number)
             self._scheduler.free(number)
             self.jobs.pop(number, None)
             self._conductors.pop(number, None)

@@ -7,6 +7,7 @@ from functools import partial
 import zenoh
 
 from coordinator.jobs.calls import tell
+from spy.result import Result
 from wire.control import Drop
 from wire.keys import Keys
 from wire.seal import Seal
@@ -21,23 +22,30 @@ class Forgetting:
         seal: signs commands.
 
     Attributes:
-        put_off: the numbers of ended jobs that are to be remembered for a while.
+        remembered: the numbers of ended jobs that nobody is to forget yet. Several threads change it: each change is
+            one operation of a set, which no other thread can interrupt.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, seal: Seal) -> None:
-        self.put_off: set[int] = set()
+        self.remembered: set[int] = set()
         self._session = session
         self._keys = keys
         self._seal = seal
 
-    def later(self, job: int) -> Callable[[], None]:
-        """Return what lets all forget a job."""
-        self.put_off.add(job)
-        return partial(self._forget, job)
+    def after(self, job: int, outcome: Result | Exception) -> Callable[[], None]:
+        """Return what lets all forget an ended job, which is remembered until then.
+
+        A job that failed is forgotten at once: some of its cells may still breed, and it has no result to be kept.
+        """
+        forget = partial(self._forget, job)
+        if isinstance(outcome, Exception) or outcome.status == "failed":
+            forget()
+            return lambda: None
+        self.remembered.add(job)
+        return forget
 
     def _forget(self, job: int) -> None:
-        """Let all forget a job, also if it failed: nodes must not go on breeding for it."""
-        self.put_off.discard(job)
+        self.remembered.discard(job)
         with contextlib.suppress(zenoh.ZError):  # the session may be closed; then the processes end anyway
             for key in (self._keys.every_control, self._keys.spy_control):
                 tell(self._session, self._seal, key, Drop(job))

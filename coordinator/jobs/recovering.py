@@ -19,6 +19,7 @@ from wire.takeover import KeptStates, Takeover
 
 _ANSWERS_WITHIN = 3.0  # seconds in which all living cells should tell what they keep; a stopped one does not
 _MOST_ANSWER_WITHIN = 12.0  # seconds in which most do, also if the router has died and is back
+_BEGINS_WITHIN = 1.0  # seconds in which a cell that is told to begin an epoch does so
 
 States = dict[int, tuple[int, bytes]]
 """By cell, a generation and the state of the cell in it."""
@@ -107,13 +108,14 @@ class Recovering:
         ]
         kept: dict[int, KeptStates] = {}
         living = set(range(job.epoch.topology.cells)) - job.epoch.dead
-        began = time.monotonic()
+        began = may_begin_at = time.monotonic()
         while True:
             answers = job.calls.ask(questions, 0, give_up=False)
             kept |= {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
             epochs = {look["cell"]: look["epoch"] for look in looks(answers) if look["cell"] is not None}
-            if any(each < job.epoch.number for each in epochs.values()):  # cut off as the epoch began
-                job.ask_for_reports(job.epoch)
+            if any(each < job.epoch.number for each in epochs.values()) and time.monotonic() >= may_begin_at:
+                job.ask_for_reports(job.epoch)  # they were cut off as the epoch began
+                may_begin_at = time.monotonic() + _BEGINS_WITHIN
             looking = {cell for cell, each in epochs.items() if each == job.epoch.number}
             # A node in a long evaluation looks, but does not tell yet. One that is stopped does neither.
             is_most = 2 * len(living & kept.keys()) > len(living)

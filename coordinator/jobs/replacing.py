@@ -18,7 +18,8 @@ from spy.past import Past
 from topologies import Topology, Torus
 from wire.control import Drop, Halt, Look, Wiring
 
-_PRESENT_WITHIN = 150.0  # seconds; a host may be out of reach for almost as long
+_PRESENT_WITHIN = 150.0  # seconds; by default a host may be out of reach for almost as long
+_LONGEST_PAUSE = 1.0  # seconds between questions for nodes that are out of reach
 _HALTED_WITHIN = 150.0  # seconds; a host may be out of reach for almost as long
 _EXACT_WITHIN = 15.0  # seconds for which exact recovery is begun again while more and more processes die
 
@@ -60,24 +61,29 @@ class Replacing:
         """Return the cells whose nodes hold this job; wait until each node has answered, or its new process has.
 
         A node that does not answer may only be cut off, and breed with its neighbours: nobody may take its place then,
-        from states that they go on from. One that has answered is there until it is told to have died.
+        from states that they go on from. One that has answered is there until it is told to have died. A host that is
+        given up ends the waiting, and the job; if that takes too long, those without an answer count as dead.
         """
-        job, until = self._job, time.monotonic() + _PRESENT_WITHIN
+        job, until, pause = self._job, time.monotonic() + _PRESENT_WITHIN, ASK_AGAIN
         cells: dict[int, int | None] = {}  # by node; None for one that does not have the job
+        keys = [job.keys.every_control]  # the first time: a cell may be on a node that it has left
         while True:
             try:
-                answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
+                answers = job.calls.ask([(key, Look(job.number)) for key in keys], 0, give_up=False)
                 for look in looks(answers):
                     cells[look["node"]] = look["cell"]
                     if look["cell"] is not None:
                         job.versions = look["versions"]
                         job.dispatch.open_links(look["node"], look["wirings"])
-                if cells.keys() >= set(epoch.wiring.nodes) or time.monotonic() >= until:
+                keys = [job.keys.control(node) for node in epoch.wiring.nodes if node not in cells]
+                if not keys or time.monotonic() >= until:
                     return {cell for cell in cells.values() if cell is not None}
-                job.calls.wait(ASK_AGAIN)
+                job.calls.wait(pause)
+                pause = min(2.0 * pause, _LONGEST_PAUSE)
             except ReplacedError as died:
                 if died.node is not None:
                     cells.pop(died.node, None)
+                    keys.append(job.keys.control(died.node))
 
     def replace(self, node: int | None) -> None:
         """Bring a new process (on ``node``; None: the spy) into the job, and others that come meanwhile."""

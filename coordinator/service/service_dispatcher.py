@@ -112,7 +112,7 @@ class ServiceDispatcher(Dispatcher):
                 threading.Thread(target=self._end_stray, args=stray, name="stray", daemon=True).start()
 
     def _is_over(self, job: int) -> bool:
-        return self._is_restored and self._scheduler.nodes_of(job) is None and job not in self._forgetting.put_off
+        return self._is_restored and self._scheduler.nodes_of(job) is None and job not in self._forgetting.remembered
 
     def _end_stray(self, node: int, job: int) -> None:
         # With the lock, or the job might begin again, from a checkpoint, between the look and the question.

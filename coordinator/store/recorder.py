@@ -285,14 +285,15 @@ class Recorder:
         for record in self._found:
             self._show(record)
         for event in events:
+            if isinstance(event, _Placed):
+                event.written.set()
+        for event in events:
             if isinstance(event, _Ended):
                 self._known.pop(event.number, None)
                 self._late.discard(event.number)
                 self._measured.pop(event.number, None)
                 self._forget(event.number)
                 event.forget()
-            elif isinstance(event, _Placed):
-                event.written.set()
 
     def _write_record(self, event: _Event) -> None:
         if isinstance(event, _Improved):
