@@ -34,7 +34,7 @@ from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
 from wire.champion import Champion
-from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Look, Prepare, Refused, Wiring
+from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused, Wiring
 from wire.exchange import Messages
 from wire.news import Counters, Improvement
 from wire.seal import Seal
@@ -301,10 +301,7 @@ class SpyProcess:
             case Prepare():
                 return self._prepare(command)
             case Drop(job):
-                self._forget(job)
-                return Done()
-            case Look(job):
-                return Done(json.dumps(self._best_of(job)))
+                return Done(json.dumps(self._forget(job)))
             case Begin() | Finish():
                 return self._obey_in_an_epoch(command)
         return Refused("that is a command for nodes")
@@ -364,16 +361,14 @@ class SpyProcess:
         judgement = verify(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         return judgement.answer()
 
-    def _best_of(self, job: int) -> str | None:
-        """Return the best answer of a job, encoded, in hexadecimal digits."""
-        assignment = self.assignments.get(job)
-        best = None if assignment is None else assignment.collector.best
-        return None if best is None else best.encode().hex()
-
-    def _forget(self, job: int) -> None:
+    def _forget(self, job: int) -> str | None:
+        """Forget a job; return its best answer, encoded, in hexadecimal digits. Nobody is told a better one later."""
         assignment = self.assignments.pop(job, None)
-        if assignment is not None:
-            self._stop_listening_to(assignment)
+        if assignment is None:
+            return None
+        self._stop_listening_to(assignment)
+        best = assignment.collector.best
+        return None if best is None else best.encode().hex()
 
     def _publish_statistics(self, assignment: _Assignment) -> None:
         counters, root = list(assignment.counters.values()), assignment.root

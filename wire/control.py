@@ -202,7 +202,7 @@ class Done:
     Attributes:
         note: JSON: for `Prepare` to a node, the versions that its results depend on; for `Look`, these, the node, the
             cell, the epoch, and the numbers of the wirings whose links are open; the node, and null as the cell, if it
-            has no cell of the job. For `Look` to the spy, its best answer of the job (`wire.news.Improvement`), in
+            has no cell of the job. For `Drop` to the spy, its best answer of the job (`wire.news.Improvement`), in
             hexadecimal digits, or null.
     """
 

@@ -22,7 +22,7 @@ from coordinator.jobs.job import Failure, Moved, Replaced, Returned, StopRequest
 from problems import BadInput
 from wire import control, sessions
 from wire.callbacks import direct
-from wire.control import Command, Done, Finish, Judged, Look, Prepare, Refused, TellStates
+from wire.control import Command, Done, Drop, Finish, Judged, Look, Prepare, Refused, TellStates
 from wire.news import Improvement
 from wire.report import Report
 from wire.seal import Seal
@@ -313,7 +313,9 @@ def tell(session: zenoh.Session, seal: Seal, key: str, command: Command) -> None
 
 
 def best_told(session: zenoh.Session, seal: Seal, key: str, job: int) -> Improvement | None:
-    """Return the best answer of a job that the spy has told; None if it knows none, or does not answer soon.
+    """Return the best answer of a job that the spy has told, and have it forget the job, so that it tells no other.
+
+    It is None if the spy knows none, or does not answer soon.
 
     Args:
         session: a session of the coordinator.
@@ -321,7 +323,7 @@ def best_told(session: zenoh.Session, seal: Seal, key: str, job: int) -> Improve
         key: the key of the spy's commands.
         job: the job's number.
     """
-    payload = seal.close(key, control.encode(Look(job)))
+    payload = seal.close(key, control.encode(Drop(job)))
     for reply in session.get(key, payload=payload, timeout=_SOON):
         if reply.ok is None:
             continue

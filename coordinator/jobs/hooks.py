@@ -108,7 +108,7 @@ class JobRunner(Protocol):
         ...
 
     def best_told(self, number: int) -> Improvement | None:
-        """Return the best answer of a job that clients may have been told; None if nobody knows one."""
+        """Return the best answer that clients were told of a job, which is forgotten then; None if nobody knows one."""
         ...
 
     def restored(self) -> None:

@@ -90,7 +90,7 @@ class ServiceDispatcher(Dispatcher):
         return None if job is None else job.spec.job
 
     def best_told(self, number: int) -> Improvement | None:
-        """Return the best answer of a job that the spy knows; None if it knows none, or does not answer soon."""
+        """Return the best answer of a job that the spy has told, and have it forget the job; see `calls.best_told`."""
         return best_told(self.session, self._seal, self.keys.spy_control, number)
 
     def restored(self) -> None:
