@@ -210,6 +210,9 @@ class RequestHandler:
     def _with_the_last_told(self, job: Stored, best: Improvement | None) -> Improvement | None:
         """Return the best answer, which may be one that the spy told while no coordinator lived to store it."""
         told = self._dispatcher.best_told(job.number)
+        if told is not None and told.epoch > job.epoch and told.seconds == 0.0:
+            # It was carried to an epoch that has not begun, see `Improvement.carried_to`.
+            told = dataclasses.replace(told, epoch=job.epoch)
         if told is None or told.epoch != job.epoch or (best is not None and told.order <= best.order):
             return best
         self._recorder.improved(job.number, told)

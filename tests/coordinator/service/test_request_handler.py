@@ -432,13 +432,17 @@ def test_a_job_that_begins_again_keeps_its_past_and_its_answer(offices):
     assert "the job cannot go on from where it was: BadInput: they know nothing of it" in office.said.getvalue()
 
 
-@pytest.mark.parametrize(("epoch", "expected"), [(0, 0.125), (1, 0.5)], ids=["of its epoch", "of another epoch"])
-def test_an_answer_that_was_told_while_no_coordinator_lived_counts(offices, epoch, expected):
+@pytest.mark.parametrize(
+    ("epoch", "seconds", "expected"),
+    [(0, 0.3, 0.125), (1, 0.3, 0.5), (1, 0.0, 0.125)],
+    ids=["of its epoch", "of another epoch", "carried to another epoch"],
+)
+def test_an_answer_that_was_told_while_no_coordinator_lived_counts(offices, epoch, seconds, expected):
     office = offices()
     office.ask(Submit(file(), "a"))
     office.until("a", "running", lambda shown: shown["best"] is not None)
     office = offices(make=partial(StubDispatcher, manual=True, lost=True))
-    office.dispatcher.told[1] = Improvement(1, epoch, 0.3, 9, 2, 0.125, True, {"x": [2.0]})
+    office.dispatcher.told[1] = Improvement(1, epoch, seconds, 9, 2, 0.125, True, {"x": [2.0]})
     office.request_handler.restore()
     assert office.dispatcher.orders[1].best.fitness == expected
 
