@@ -329,7 +329,7 @@ class Dispatcher:
             outcome = error
         number = job.spec.number
         self._deadlines.forget(number)
-        forget = self._forgetting.after(number, outcome)
+        forget = self._forgetting.after(number, outcome) if nodes else lambda: None
         with self._lock:
             self._scheduler.free(number)
             self.jobs.pop(number, None)

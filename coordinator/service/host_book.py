@@ -183,9 +183,7 @@ class HostBook:
     def _handle(self, message: zenoh.Query | _Seen | None) -> None:
         if isinstance(message, zenoh.Query):
             with message:
-                answer = self._answer(message)
-                self._keep()
-                message.reply(self._keys.nodes, jobs.encode_answer(answer))
+                message.reply(self._keys.nodes, jobs.encode_answer(self._answer(message)))
         elif isinstance(message, _Seen):
             self._notice(message)
         self._give_up_those_away()

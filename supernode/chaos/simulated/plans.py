@@ -25,13 +25,6 @@ _SHORTEST_WORK = 0.1e-3  # seconds
 _SOON = 0.2  # seconds, in the mean
 _MOST_QUESTIONS = 40  # of coordinators; a trial has some tens
 _AFTER = 3.0  # latencies, in the mean
-_ENDLESS: dict[str, Any] = {
-    "generations": MOST_GENERATIONS - 1,
-    "seconds": None,
-    "target": -1.0,
-    "stall": MOST_GENERATIONS - 1,
-    "restarts": None,
-}
 _TARGETS = (80.0, 40.0, 20.0, 10.0)  # of Rastrigin's function in ten dimensions, which begins at some 100
 
 
@@ -200,7 +193,7 @@ def drawn(seed: int) -> Plan:
     endless = random.Random(f"endless {seed}")
     for number in sorted({request.job for request in requests if request.do == "cancel"}):
         if endless.random() < 0.5:  # so that a cancel that is lost shows
-            jobs[number] = replace(jobs[number], **_ENDLESS)
+            jobs[number] = _without_an_end(jobs[number])
     faults += _ambushes(random.Random(f"ambushes {seed}"), nodes, latency)
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
     return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)
@@ -244,6 +237,11 @@ def _with_an_end(draw: random.Random, job: PlannedJob) -> PlannedJob:
     if draw.random() < 0.3:
         return replace(job, stall=draw.randint(3, 20), restarts=draw.choice((0, 0, 1)))
     return job
+
+
+def _without_an_end(job: PlannedJob) -> PlannedJob:
+    """Return the job, which ends only when it is cancelled."""
+    return PlannedJob(job.at, job.topology, job.mode, job.seed, job.deme, MOST_GENERATIONS - 1, seconds=None)
 
 
 def _drawn_request(draw: random.Random, jobs: int, length: float) -> PlannedRequest:
