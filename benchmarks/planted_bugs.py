@@ -225,6 +225,12 @@ BUGS = (
         "            elif now < self._strays.setdefault(stray, now):",
     ),
     Bug(
+        "the cells of a job that has begun again elsewhere breed on where it was",
+        "coordinator.service.service_dispatcher",
+        "return self._is_restored and not here and",
+        "return self._is_restored and self._scheduler.nodes_of(job) is None and",
+    ),
+    Bug(
         "a node that is back is not asked for its report if others were asked for something else",
         "coordinator.jobs.calls",
         "self._put_off.append(news)  # a node that is back may have missed an earlier question as well",

@@ -108,6 +108,10 @@ class JoinedDispatcher(ServiceDispatcher):
         super().left(nodes, why)
         self._tell_movers(nodes)
 
+    def _is_stray(self, node: int, job: int) -> bool:
+        """See `ServiceDispatcher`; a node that the job is about to leave still has a part in it."""
+        return self._moving.get(node) != job and super()._is_stray(node, job)
+
     def _tell_movers(self, nodes: Iterable[int], crash: str = "") -> None:
         with self._lock:
             for node in nodes:
@@ -121,14 +125,16 @@ class JoinedDispatcher(ServiceDispatcher):
         """Take over a job that runs already, also if some of its nodes are on a host that is out of reach for now.
 
         Raises:
-            ValueError: if its nodes are not free, or nothing is known of their hosts.
+            ValueError: if its nodes are not free, nothing is known of their hosts, or all these are out of reach. A job
+                begins again elsewhere rather than wait for them: most likely all was ended, and some will not come
+                back. If they were only cut off, their nodes are told to forget the job as soon as they are heard.
         """
         self._wait_for_one_of(placement.nodes)
         with self._lock:
             known = {node for node in placement.nodes if self._node_hosts.place_of(node)}
             away = known.difference(self._scheduler.here)
-            if len(away) == len(placement.nodes):  # most likely all was ended, and some hosts will not come back
-                away = set()
+            if len(away) == len(placement.nodes):
+                raise ValueError("all its hosts are out of reach, so it begins again elsewhere")
             self._scheduler.join(away)
             try:
                 return super().adopt(spec, placement)

@@ -98,26 +98,28 @@ class ServiceDispatcher(Dispatcher):
         self._is_restored = True
 
     def heard(self, counters: Counters) -> None:
-        """Have a node forget the job of its counters if that has ended: it was cut off when all were told so.
+        """Have a node forget the job of its counters if that has ended, or runs elsewhere: it was cut off meanwhile.
 
         The last counters of a job may come after its end. So a node is a stray only if it still sends some later.
         """
         stray, now = (counters.node, counters.job), time.monotonic()
         with self._lock:
-            if not self._is_over(counters.job):
+            if not self._is_stray(*stray):
                 self._strays.pop(stray, None)
             elif now > self._strays.setdefault(stray, now) + _STRAY_AFTER:
                 del self._strays[stray]
                 # On another thread: Zenoh's must not wait until the link takes the question.
                 threading.Thread(target=self._end_stray, args=stray, name="stray", daemon=True).start()
 
-    def _is_over(self, job: int) -> bool:
-        return self._is_restored and self._scheduler.nodes_of(job) is None and job not in self._forgetting.remembered
+    def _is_stray(self, node: int, job: int) -> bool:
+        """Return whether a node has no part in a job, so that it need not remember it."""
+        here = node in (self._scheduler.nodes_of(job) or ())
+        return self._is_restored and not here and job not in self._forgetting.remembered
 
     def _end_stray(self, node: int, job: int) -> None:
         # With the lock, or the job might begin again, from a checkpoint, between the look and the question.
         with self._lock, contextlib.suppress(zenoh.ZError):  # if the session is closed, the next coordinator does it
-            if self._is_over(job):
+            if self._is_stray(node, job):
                 tell(self.session, self._seal, self.keys.control(node), Drop(job))
 
     def placements(self) -> list[dict[str, Any]]:

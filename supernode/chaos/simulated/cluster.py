@@ -105,6 +105,10 @@ class Cluster:
         """Return the nodes of each host that runs; empty if one zygote launched all nodes."""
         return {}
 
+    def cut_off_until(self, node: int) -> float:
+        """Return until when the host of a node has no link to the router, now or lately; 0 if it always had one."""
+        return 0.0
+
     def kill(self, name: str) -> None:
         """Kill a process; another one takes its place soon."""
         process = self.processes.get(name)

@@ -17,6 +17,7 @@ from supernode.chaos.simulated.plans import Plan
 from supernode.chaos.simulated.world import World
 
 _STANDS_STILL = 10.0  # seconds; lost messages are asked for after a second
+_DROPPED_WITHIN = 10.0  # seconds from when a host is back until its nodes have forgotten jobs that run elsewhere
 _BY_ITSELF = ("solved", "stalled", "exhausted")  # how a job ends that nobody stops
 _OF_DEATHS = {"replace", "resume"}  # directives of epochs that began because cells could not go on exactly
 
@@ -83,11 +84,18 @@ class Invariants:
             self._world.say(f"BROKEN: {text}")
 
     def _cells(self) -> None:
-        """No two processes on a cell, and at most two epochs of a job at a time."""
+        """No two processes on a cell, and at most two epochs of a job at a time.
+
+        A coordinator that takes over while all hosts of a job are cut off lets it begin again elsewhere. Nobody can end
+        its cells on those hosts until they are back; until then the two do not meet.
+        """
         self._numbers()
         on: dict[tuple[int, int, int], list[int]] = defaultdict(list)
         epochs: dict[int, set[int]] = defaultdict(set)
         for node, assignment in self._running():
+            cut_off_until = self._cluster.cut_off_until(node) if self._may_lose_histories else 0.0
+            if cut_off_until and self._world.now < cut_off_until + _DROPPED_WITHIN:
+                continue
             on[assignment.job, assignment.epoch, assignment.cell.number].append(node)
             epochs[assignment.job].add(assignment.epoch)
         for (job, epoch, cell), nodes in on.items():

@@ -32,6 +32,7 @@ class _SimulatedHost:
         host: what it tells the coordinator; each start has another id.
         is_up: whether it runs.
         is_leaving: whether it has got SIGTERM.
+        cut_off_until: until when it has no link to the router.
     """
 
     def __init__(self, planned: PlannedHost) -> None:
@@ -39,6 +40,7 @@ class _SimulatedHost:
         self.host = Host("", planned.name, planned.nodes, planned.endpoint)
         self.is_up = False
         self.is_leaving = False
+        self.cut_off_until = 0.0
         self.starts = 0
 
 
@@ -66,6 +68,8 @@ class JoinedCluster(Cluster):
         elif fault.do == "part":
             for name in self._processes_of(host):
                 self._network.part(name, fault.other, fault.seconds)
+            if fault.other == "router":
+                host.cut_off_until = max(host.cut_off_until, self.world.now + fault.seconds)
         elif fault.do == "hold":
             for name in self._processes_of(host):
                 self._network.hold(name, fault.other, fault.seconds)
@@ -76,6 +80,11 @@ class JoinedCluster(Cluster):
     def nodes_of_hosts(self) -> dict[str, tuple[int, ...]]:
         """Return the nodes of each host that runs."""
         return {name: host.host.nodes for name, host in self._hosts.items() if host.is_up}
+
+    def cut_off_until(self, node: int) -> float:
+        """See `Cluster`."""
+        host = self._host_of.get(node)
+        return 0.0 if host is None else host.cut_off_until
 
     def _start_host(self, name: str) -> None:
         host = self._hosts[name]

@@ -12,7 +12,7 @@ from command_line import in_process
 from benchmarks import planted_bugs
 from problems import load
 from supernode.chaos.simulated.campaign import in_words, trial
-from supernode.chaos.simulated.plans import Fault, drawn
+from supernode.chaos.simulated.plans import Fault, Plan, PlannedHost, PlannedJob, drawn
 from supernode.chaos.simulated.trial import Outcome, run, shortest
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -39,6 +39,16 @@ def test_the_same_seed_gives_the_same_events(file, seed):
     one, other = run(drawn(seed), file), run(drawn(seed), file)
     assert one.log == other.log
     assert one.digest == other.digest != run(replace(drawn(seed), seed=seed + 1000), file).digest
+
+
+def test_cells_of_a_job_that_began_again_elsewhere_end_once_their_host_is_back(file):
+    """All hosts of the job are cut off as a coordinator takes over, and come back long before the job ends."""
+    hosts = tuple(PlannedHost(0.1 * place, f"h{place}", 4, "") for place in range(2))
+    job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=2, deme=1, generations=1500, seconds=None)
+    faults = (Fault(1.9, "part", "h0", 7.0, other="router"), Fault(2.0, "kill", "coordinator"))
+    outcome = run(Plan(1, "torus 2x4", hosts, (job,), (), latency=0.004, work=0.01, faults=faults), file)
+    assert any("all its hosts are out of reach" in line for line in outcome.log)
+    assert not outcome.broken, in_words(outcome)
 
 
 def test_another_process_gives_the_same_events(capsys):
