@@ -178,8 +178,8 @@ BUGS = (
     Bug(
         "a host that comes back gets other numbers",
         "coordinator.service.host_book",
-        "            old = before.nodes[: asking.wants]\n",
-        "            old = ()\n",
+        "host for host in known_ones if host.name == asking.name",
+        "host for host in known_ones if host.id == asking.id",
     ),
     Bug(
         "a host may leave although jobs still need it",
