@@ -237,6 +237,12 @@ BUGS = (
         "self._put_off.extend([] if isinstance(news, Returned) else [news])",
     ),
     Bug(
+        "a cell that died before it had sent anything begins a later epoch with random individuals",
+        "coordinator.jobs.preparing",
+        'deme = b"" if takeover.state else demes.get(cell, b"")',
+        'deme = b"" if takeover.state or demes else b""',
+    ),
+    Bug(
         "an epoch is not prepared again for nodes that are back",
         "coordinator.jobs.calls",
         "if isinstance(news, Returned) and for_nodes_back:",

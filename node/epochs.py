@@ -212,10 +212,9 @@ class Epochs:
         # Only this node knows after which generation its cell stopped, so the coordinator leaves `since` open.
         bred = 0 if before is None else before.cell.plan.since + before.cell.rows.generation
         plan = replace(coming.plan, since=bred if coming.since is None else coming.since)
-        if coming.fresh or coming.takeover is not None:
-            genomes = None
-        else:
-            genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
+        genomes = plan.deme_of(coming.deme) if coming.deme else None
+        if before is not None and genomes is None and not coming.fresh and coming.takeover is None:
+            genomes = before.cell.rows.genomes[0]
         assignment = Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
         self._drop_past()  # kept until now: neighbours and coordinator may have asked how it ended
         self.past = before

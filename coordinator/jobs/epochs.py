@@ -35,6 +35,7 @@ class Epoch:
         asked: the number of the latest question for reports of this epoch (see `Calls.ask_for_reports`).
         passed_on: whether its improvements have been passed on.
         wiring_is_known: whether ``wiring`` is the epoch's own; not if a coordinator before this one had left it.
+        demes: by cell, the genomes that it begins with, as far as they are known.
     """
 
     number: int
@@ -48,6 +49,7 @@ class Epoch:
     asked: int = -1
     passed_on: bool = False
     wiring_is_known: bool = True
+    demes: dict[int, bytes] = field(default_factory=dict)
 
     @cached_property
     def topology(self) -> Topology:
@@ -132,6 +134,12 @@ class Epochs:
     def settled(self) -> bool:
         """Whether all cells have left the epochs before the latest one; a further epoch may begin only then."""
         return all(epoch.settled for epoch in self.known[:-1])
+
+    def first_demes(self) -> Mapping[int, bytes]:
+        """Return, by cell, the genomes with which the latest epoch began, as far as they are known."""
+        if self.latest.has_random_demes or self.latest.demes or len(self.known) == 1:
+            return self.latest.demes
+        return {cell: report.deme for cell, report in self.known[-2].reports.items()}
 
     @property
     def since(self) -> int:

@@ -10,7 +10,7 @@ from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement
 from problems import ProblemFile
-from wire.control import Begin, Done, Prepare
+from wire.control import Begin, Command, Done, Prepare
 from wire.takeover import Takeover
 
 
@@ -87,8 +87,13 @@ class Preparing:
             )
         self._job.versions = json.loads(min(fingerprints))
 
-    def prepare_again(self, epoch: Epoch, takeovers: Mapping[int, Takeover]) -> None:
+    def prepare_again(self, epoch: Epoch, takeovers: Mapping[int, Takeover], demes: Mapping[int, bytes]) -> None:
         """Prepare new processes for an epoch, each to go on from a state of its cell; other cells may be in it already.
+
+        Args:
+            epoch: the epoch.
+            takeovers: what each of these cells is to go on from.
+            demes: by cell, the individuals to begin with if its state is empty; without any it begins with random ones.
 
         Raises:
             ReplacedError: if another process dies meanwhile.
@@ -96,7 +101,10 @@ class Preparing:
         job = self._job
         since = job.epochs.since - job.lived_before
         command, nodes, key = self._preparation(epoch, since), epoch.wiring.nodes, job.keys.control
-        questions = [(key(nodes[cell]), replace(command, takeover=each)) for cell, each in takeovers.items()]
+        questions: list[tuple[str, Command]] = []
+        for cell, takeover in takeovers.items():
+            deme = b"" if takeover.state else demes.get(cell, b"")
+            questions.append((key(nodes[cell]), replace(command, takeover=takeover, deme=deme)))
         answers = job.calls.ask(questions, len(questions), give_up=not job.epochs, for_nodes_back=True)
         self._note_versions(epoch, answers)
 

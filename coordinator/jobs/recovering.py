@@ -7,7 +7,7 @@ The epoch goes on; the other cells only wait.
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from coordinator.jobs.calls import ASK_AGAIN, Given, RefusedError
@@ -54,7 +54,9 @@ class Recovering:
         if any(each.halted for each in kept.values()):
             self._tell_why_not(set(epoch.dead), "others were halted, by an attempt that came to nothing")
             return False
-        chosen = choose_states(epoch.topology, kept, began_anew=epoch.has_random_demes)
+        demes = job.epochs.first_demes()
+        begin = range(epoch.cells) if epoch.has_random_demes else demes
+        chosen = choose_states(epoch.topology, kept, begin)
         if not kept or not epoch.dead <= chosen.keys():
             self._tell_why_not(epoch.dead - chosen.keys() or epoch.dead, "no state to go on from is kept")
             return False
@@ -63,7 +65,7 @@ class Recovering:
         try:
             stop_at = least_stop(kept)
             takeovers = {cell: Takeover(reached, chosen[cell][1], stop_at=stop_at) for cell in epoch.dead}
-            self._preparing.prepare_again(epoch, takeovers)
+            self._preparing.prepare_again(epoch, takeovers, demes)
         except RefusedError as error:  # such as a link that does not come up again
             self._tell_why_not(epoch.dead, str(error))
             return False
@@ -138,7 +140,7 @@ def least_stop(kept: Mapping[int, KeptStates]) -> int | None:
     return min((each.stop_at for each in kept.values() if each.stop_at is not None), default=None)
 
 
-def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew: bool) -> States:
+def choose_states(topology: Topology, kept: Mapping[int, KeptStates], begin: Collection[int]) -> States:
     """Return the latest state from which each dead cell can go on; cells that cannot are left out.
 
     Dead cells that are neighbours need each other's messages, so they go on from the same generation. A living
@@ -151,16 +153,15 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew
     Args:
         topology: the neighbours of each cell.
         kept: what each living cell keeps.
-        began_anew: whether the epoch began with random demes; then a cell can also begin it once more, from an empty
-            state of generation 0.
+        begin: cells that can also begin the epoch once more, from an empty state of generation 0.
     """
-    first = {0: b""} if began_anew else {}
+    first = {cell: {0: b""} for cell in begin}
     dead = set(range(topology.cells)) - kept.keys()
     chosen: States = {}
     while dead:
         group = _connected(topology, dead)
         dead -= group
-        offered = {cell: first | latest_states(kept, cell) for cell in group}
+        offered = {cell: first.get(cell, {}) | latest_states(kept, cell) for cell in group}
         links = [(cell, kept[other]) for cell in group for other in topology.neighbours(cell) if other in kept]
         common = set.intersection(*(set(states) for states in offered.values()))
         fit = [each for each in common if all(_may_go_on(cell, each, beside) for cell, beside in links)]

@@ -211,14 +211,16 @@ class Replacing:
         }
         wiring = job.dispatch.wire(job.nodes, topology.spec, fresh=True)
         since = job.generations(before, halted=True)
-        epoch = Epoch(before.number + 1, file, wiring, since, why=why)
         nodes = enumerate(zip(job.nodes, before.wiring.nodes, strict=False))
         moved = {cell: cell for cell, (node, old) in nodes if node != old}
         left = set(before.wiring.nodes).difference(job.nodes)
         size = len(next(iter(before.reports.values())).deme)
         demes = {cell: states[cell][-size:] for cell in states}  # a state ends with the deme
         given = {cell: donor for cell, donor in (moved | donors).items() if cell not in states}
-        self._preparing.prepare(epoch, demes | {cell: before.reports[donor].deme for cell, donor in given.items()})
+        demes |= {cell: before.reports[donor].deme for cell, donor in given.items()}
+        own = {cell: report.deme for cell, report in before.reports.items()}
+        epoch = Epoch(before.number + 1, file, wiring, since, why=why, demes=own | demes)
+        self._preparing.prepare(epoch, demes)
         self._preparing.show_to_the_spy(epoch)
         self._preparing.begin(epoch)
         for node in sorted(left):

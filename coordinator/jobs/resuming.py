@@ -71,7 +71,7 @@ class Resuming:
 
             states = [of_job(state, job.number) for _, state in checkpoint.states]
             takeovers = {cell: Takeover(checkpoint.states[cell][0], state, False) for cell, state in enumerate(states)}
-            self._preparing.prepare_again(same, takeovers)
+            self._preparing.prepare_again(same, takeovers, {})
             self._begin(same)
             if job.best is not None:  # the first that the reader of this run's events learns of it
                 job.publish(job.best)

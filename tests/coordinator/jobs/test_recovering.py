@@ -3,6 +3,7 @@
 import dataclasses
 import random
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -40,7 +41,7 @@ class Mortal(AskingBus):
 
     def choose(self, dead):
         self.ask_for_states(set(range(len(self.cells))) - set(dead))
-        return choose_states(self.cells[0].plan.topology, self.kept, began_anew=True)
+        return choose_states(self.cells[0].plan.topology, self.kept, range(len(self.cells)))
 
     def kill(self, dead):
         chosen = self.choose(dead)
@@ -97,6 +98,30 @@ def test_the_target_is_reached_all_the_same(seed):
     source = random.Random(seed)
     bus = Mortal(plan, source, [(source.randrange(50, 200), 1) for _ in range(3)])
     assert without_counters(bus.run()) == without_counters(simulate(plan))
+
+
+def beginning_with(plan, source, demes):
+    bus = Mortal(plan, source, [])
+    for number, deme in enumerate(demes):
+        bus.events[number] = [Start(deme)]
+    return bus
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_that_dies_as_an_epoch_begins_begins_it_with_the_same_deme(seed):
+    plan = plan_of(size=64, topology="torus 3x4", generations=40, target=-1.0, seed=seed, deme=2)
+    demes = np.random.default_rng(seed).integers(0, 256, (12, 2, 8), np.uint8)
+    undisturbed = beginning_with(plan, random.Random(seed), demes).run()
+    bus = beginning_with(plan, random.Random(seed), demes)
+    for _ in range(8):
+        bus.one_step()
+    for number in random.Random(seed).sample(range(12), 3):
+        if bus.cells[number].state == "prepared":
+            bus.cells[number] = Cell(plan, number, job=1)
+            bus.events[number] = [Start(demes[number], Takeover(bus.reached(), b""))]
+            bus.taken_over += 1
+    assert without_counters(bus.run()) == without_counters(undisturbed)
+    assert bus.taken_over
 
 
 def tell_a_stop_to_one(bus):
@@ -193,14 +218,20 @@ def keeping(dead, states, generation=100, oldest=0):
 
 def choose(kept):
     """In an epoch that began with the demes of another one."""
-    return choose_states(TORUS, kept, began_anew=False)
+    return choose_states(TORUS, kept, ())
 
 
 def test_a_cell_that_has_sent_no_state_begins_anew_where_the_epoch_did():
     kept = keeping({5}, {}, generation=3)
-    assert choose_states(TORUS, kept, began_anew=True) == {5: (0, b"")}
+    assert choose_states(TORUS, kept, range(TORUS.cells)) == {5: (0, b"")}
     kept[1] = dataclasses.replace(kept[1], oldest=1)
-    assert choose_states(TORUS, kept, began_anew=True) == {}, "its messages are needed from the beginning on"
+    assert choose_states(TORUS, kept, range(TORUS.cells)) == {}, "its messages are needed from the beginning on"
+
+
+def test_where_an_epoch_began_with_demes_those_begin_anew_whose_demes_are_known():
+    kept = keeping({5}, {}, generation=3)
+    assert choose_states(TORUS, kept, {5, 6}) == {5: (0, b"")}
+    assert choose_states(TORUS, kept, {6}) == {}
 
 
 def test_a_cell_alone_goes_on_from_its_latest_state():
