@@ -23,6 +23,7 @@ from lowlevel.pointers import integers, octets, octets_of, reals
 from node.engine import ring
 from node.engine.kernels import OWN, PUBLISHED
 from node.engine.layout import RowLayout, TableLayout
+from node.engine.state_size import LEAST_DISTANCE
 from node.plan import Plan
 from topologies import first_neighbour
 from wire.exchange import Messages
@@ -123,12 +124,17 @@ def _swap(row: Any, source_row: Any, names: Any, spare: Any, counts: Any) -> Any
 
 
 @subroutine
-def _keep_state(table: Any, state: Any, header: Any, number: Any) -> Any:
-    """Keep a state of neighbour ``number``, for the process that takes its place; once, as messages come again."""
+def _keep_state(table: Any, state: Any, header: Any, number: Any, interval: Any) -> Any:
+    """Keep a state of neighbour ``number``, for the process that takes its place; once, as messages come again.
+
+    One of a generation in which others tell none makes room for the next: else cells that die together may share none.
+    """
     room, marks = octets(table, _STATES)[number], integers(table, _STATE_MARKS)[number]
     entries = integers(table, _STATE_ENTRIES)[number * _STATES_OF_EACH : (number + 1) * _STATES_OF_EACH]
     sender = integers(table, _SENDERS)[0, number]
     if state.size <= room.size and not ring.has(entries, marks, sender, header[GENERATION]):
+        if interval > 0:
+            ring.drop_latest_unless_multiple(entries, marks, interval * LEAST_DISTANCE)
         start = ring.begin(room, entries, marks, state.size)
         room[start : start + state.size] = state
         ring.end(entries, marks, start, state.size, sender, header[GENERATION])
@@ -164,7 +170,7 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
         counts[_OF_NO_USE] += 1
     # The state counts also if the message does not: this cell may have just begun in the place of a dead one.
     if end < len(payload):
-        _keep_state(table, payload[state_at(payload, end) :], header, number)
+        _keep_state(table, payload[state_at(payload, end) :], header, number, limits[_INTERVAL])
     return 1
 
 

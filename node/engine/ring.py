@@ -81,6 +81,14 @@ def latest_number(entries: Any, marks: Any) -> Any:
     return entries[(marks[_COUNT] - 1) % len(entries)][_NUMBER]
 
 
+@subroutine
+def drop_latest_unless_multiple(entries: Any, marks: Any, of: Any) -> Any:
+    """Take the string that was entered last out again if its number is no multiple; harmless if there is none."""
+    if marks[_FIRST] < marks[_COUNT] and latest_number(entries, marks) % of != 0:
+        marks[_COUNT] -= 1
+        marks[_NEXT] = entries[marks[_COUNT] % len(entries)][_START]
+
+
 def arrays(rings: int, most_bytes: int, most_entries: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Return the rooms, entries and marks of so many empty rings, with a first axis for the rings."""
     entries = np.zeros((rings, most_entries, ENTRY), np.int64)

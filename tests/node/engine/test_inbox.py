@@ -297,6 +297,22 @@ def test_it_keeps_the_latest_three_states_of_each_neighbour_however_often_others
     assert inbox.kept == len(sent)
 
 
+@given(st.lists(st.integers(1, 6), max_size=60), st.sampled_from((1, 3)))
+@hypothesis.settings(max_examples=50)
+def test_in_lockstep_states_that_all_tell_are_not_displaced_by_others(steps, interval):
+    plan = plan_in(topology="torus 4x4", mode="lockstep", deme=2, interval=interval)
+    inbox = Inbox(plan, 5, JOB)
+    rng, neighbour, expected, generation = random.Random(1), Inbox(plan, 5, JOB).neighbours[0], [], 0
+    for step in steps:
+        generation += step * interval
+        state = rng.randbytes(plan.limits.most_state_bytes - 24 * rng.randrange(64))
+        inbox.hear([(neighbour, with_state(a_message(rng, generation, generation).encode(), state))])
+        if expected and expected[-1][1] % (4 * interval):
+            expected.pop()
+        expected.append((neighbour, generation, state))
+        assert list(inbox.states) == expected[-3:]
+
+
 def with_state(message, state):
     """The message with one field more."""
     return bytes([message[0] + 1]) + message[1:] + msgpack.packb(state)
