@@ -98,6 +98,11 @@ class Epoch:
         return self.stopped or self.halted
 
     @property
+    def last_demes(self) -> dict[int, bytes]:
+        """By cell, the genomes with which it stopped in this epoch, as far as it has reported."""
+        return {cell: report.deme for cell, report in self.reports.items()}
+
+    @property
     def lived(self) -> Lived:
         """The part of this epoch that is kept after its end."""
         return Lived(self.file, list(self.reports.values()), self.number)
@@ -139,7 +144,7 @@ class Epochs:
         """Return, by cell, the genomes with which the latest epoch began, as far as they are known."""
         if self.latest.has_random_demes or self.latest.demes or len(self.known) == 1:
             return self.latest.demes
-        return {cell: report.deme for cell, report in self.known[-2].reports.items()}
+        return self.known[-2].last_demes
 
     @property
     def since(self) -> int:

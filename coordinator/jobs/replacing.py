@@ -218,8 +218,7 @@ class Replacing:
         demes = {cell: states[cell][-size:] for cell in states}  # a state ends with the deme
         given = {cell: donor for cell, donor in (moved | donors).items() if cell not in states}
         demes |= {cell: before.reports[donor].deme for cell, donor in given.items()}
-        own = {cell: report.deme for cell, report in before.reports.items()}
-        epoch = Epoch(before.number + 1, file, wiring, since, why=why, demes=own | demes)
+        epoch = Epoch(before.number + 1, file, wiring, since, why=why, demes=before.last_demes | demes)
         self._preparing.prepare(epoch, demes)
         self._preparing.show_to_the_spy(epoch)
         self._preparing.begin(epoch)

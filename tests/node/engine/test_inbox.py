@@ -302,7 +302,7 @@ def test_it_keeps_the_latest_three_states_of_each_neighbour_however_often_others
 def test_in_lockstep_states_that_all_tell_are_not_displaced_by_others(steps, interval):
     plan = plan_in(topology="torus 4x4", mode="lockstep", deme=2, interval=interval)
     inbox = Inbox(plan, 5, JOB)
-    rng, neighbour, expected, generation = random.Random(1), Inbox(plan, 5, JOB).neighbours[0], [], 0
+    rng, neighbour, expected, generation = random.Random(1), inbox.neighbours[0], [], 0
     for step in steps:
         generation += step * interval
         state = rng.randbytes(plan.limits.most_state_bytes - 24 * rng.randrange(64))
