@@ -53,7 +53,7 @@ class Epochs:
         self.links: Links | None = None
         if config.topology:
             topology = topologies.parse(config.topology)
-            self.links = self._linked(topology, Wiring(0, tuple(range(topology.cells))))
+            self._linked(topology, Wiring(0, tuple(range(topology.cells))))
 
     def note(self, command: Command) -> None:
         """Note a command that has just come, on the network thread.
@@ -80,13 +80,35 @@ class Epochs:
         return sorted({links.wiring.number for links in all_links if links is not None})
 
     def _linked(self, topology: Topology, wiring: Wiring, order: Prepare | None = None) -> Links:
-        """Return links for a wiring: open ones if they fit, else new ones, which may wait for neighbours.
+        """Return links for a wiring: open ones if they fit, else new ones, once every neighbour has been linked.
 
         The latest ones may be those of an epoch that a coordinator prepared and did not begin. The next coordinator
         may go on with the links of the present epoch.
 
         Raises:
-            TimeoutError: if a neighbour cannot be linked, or a newer command than ``order`` arrives while this waits.
+            GivenUpError: if a newer command than ``order`` arrives while this waits.
+            TimeoutError: if a neighbour cannot be linked.
+        """
+        links = self._open_links(topology, wiring)
+        if links.complete:
+            return links
+
+        def given_up() -> bool:
+            return order is not None and self._order is not order
+
+        hasty = order is not None and order.takeover is not None and order.takeover.others_wait
+        try:
+            links.wait(given_up, hasty)
+        except TimeoutError:
+            self.links = None
+            raise
+        return links
+
+    def _open_links(self, topology: Topology, wiring: Wiring) -> Links:
+        """Return links for a wiring, which may still have to wait for neighbours.
+
+        Links for which the wait was given up stay open. While processes die one after the other the coordinator sends
+        command after command, and links that began anew with each would not be complete before the next death.
         """
         present = None if self._driver.assignment is None else self._driver.assignment.links
         for links in (self.links, present):
@@ -94,20 +116,10 @@ class Epochs:
                 return links
         self._close_latest()  # of an epoch that was given up: neighbours must not find them at the new ones' port
 
-        def given_up() -> bool:
-            return order is not None and self._order is not order
-
-        return Links(
-            self._config,
-            topology,
-            wiring,
-            self._control,
-            self._driver.make_handler,
-            self._driver.queue.put,
-            self._changed,
-            given_up,
-            hasty=order is not None and order.takeover is not None and order.takeover.others_wait,
-        )
+        handlers = self._driver.make_handler, self._driver.queue.put
+        links = Links(self._config, topology, wiring, self._control, *handlers, self._changed)
+        self.links = links  # those before are in use, and closed when that ends
+        return links
 
     def _close_latest(self) -> None:
         """Close the latest links unless the present epoch or the one before still needs them."""

@@ -38,10 +38,12 @@ Hear = Callable[[zenoh.Sample], None]
 Task = Callable[[], None]  # for the main thread
 
 
+class GivenUpError(Exception):
+    """The wait for neighbours was given up."""
+
+
 class Links:
     """The data session of one node in one wiring, and the session by which each neighbour's messages come.
-
-    The constructor returns once every neighbour is linked.
 
     Args:
         config: the node's configuration.
@@ -50,20 +52,15 @@ class Links:
         control: the session through the router.
         make_handler: returns the callback for messages of the given cell.
         later: queues a task for the main thread.
-        changed: notified when a neighbour is linked, and when ``given_up`` may return something else. Polling instead
-            would make a thousand starting nodes keep each other from starting.
-        given_up: returns whether these links are no longer wanted. That ends the wait for neighbours, which may never
-            come, since one may have died.
-        hasty: whether to wait for seconds only, because this process takes a dead one's place.
+        changed: notified when a neighbour is linked, and when a wait may be given up. Polling instead would make a
+            thousand starting nodes keep each other from starting.
 
     Attributes:
         cell: the cell that this node is on.
         neighbours: the distinct neighbours of that cell, without the cell itself.
         publish: sends a message to every neighbour. It is replaced when a neighbour must be reached through the router,
             so look it up for each message.
-
-    Raises:
-        TimeoutError: if a neighbour cannot be linked in time, or the links are given up.
+        complete: whether every neighbour has been linked once; until then `wait` has to be called.
     """
 
     def __init__(
@@ -75,8 +72,6 @@ class Links:
         make_handler: Callable[[int], Hear],
         later: Callable[[Task], None],
         changed: threading.Condition,
-        given_up: Callable[[], bool],
-        hasty: bool,
     ) -> None:
         self.keys = config.keys
         self.node = config.node
@@ -87,7 +82,6 @@ class Links:
         self.neighbours = tuple(dict.fromkeys(other for other in slots if other != self.cell))
         self._make_handler = make_handler
         self._later = later
-        self._given_up = given_up
         self._changed = changed
         self._linked: set[int] = set()  # neighbours with a direct link; Zenoh's thread writes it, under `changed`
         self._routed: dict[int, Any] = {}  # neighbours heard through the router, with their subscribers
@@ -96,15 +90,10 @@ class Links:
         # The neighbours to which no direct link is possible.
         self._apart = frozenset(other for other in self.neighbours if self._way_to(config, other) is None)
         self._for_the_spy = self.cell == ROOT and bool(wiring.hosts)
-        self._hasty = hasty
-        self._patient = True  # whether the constructor still waits for direct links
+        self._patient = True  # whether `wait` still waits for direct links
         self._closed = False
+        self.complete = False
         self._open(config)
-        try:
-            self._wait()
-        except TimeoutError:
-            self.close()
-            raise
 
     def leads_to(self, topology: Topology, wiring: Wiring) -> bool:
         """Return whether these links serve a job with that topology and wiring."""
@@ -184,34 +173,41 @@ class Links:
             self._changed.notify_all()
         self._later(self._reroute)
 
-    def _wait(self) -> None:
+    def wait(self, given_up: Callable[[], bool], hasty: bool) -> None:
         """Wait until every neighbour is linked; use the router for those without a direct link in time.
 
+        Args:
+            given_up: returns whether to wait no longer: a neighbour may have died, and never come.
+            hasty: whether to wait for seconds only, because this process takes a dead one's place.
+
         Raises:
-            TimeoutError: if a neighbour is not linked through the router either, or the links are given up.
+            GivenUpError: if the wait is given up. Another one can follow, for which what is linked by then counts.
+            TimeoutError: if a neighbour is not linked through the router either. The links are closed then.
         """
         self._reroute()  # neighbours without any possible direct link
         everybody = set(self.neighbours)
-        direct_within = _HASTY_WITHIN if self._hasty else _DIRECT_WITHIN
-        routed_within = _HASTY_WITHIN if self._hasty else _ROUTED_WITHIN
-        direct_ones = self._are_there(lambda: self._linked >= everybody - self._apart, direct_within)
-        self._patient = False
-        if not direct_ones:
+        direct_within = _HASTY_WITHIN if hasty else _DIRECT_WITHIN
+        routed_within = _HASTY_WITHIN if hasty else _ROUTED_WITHIN
+        if self._patient:
+            self._are_there(lambda: self._linked >= everybody - self._apart, direct_within, given_up)
+            self._patient = False
             self._reroute()
-        if not self._are_there(lambda: self._linked | self._listening >= everybody, routed_within):
+        if not self._are_there(lambda: self._linked | self._listening >= everybody, routed_within, given_up):
             missing = sorted(everybody - self._linked - self._listening)
+            self.close()
             raise TimeoutError(f"no link to cells {', '.join(map(str, missing))}")
+        self.complete = True
 
-    def _are_there(self, condition: Callable[[], bool], seconds: float) -> bool:
+    def _are_there(self, condition: Callable[[], bool], seconds: float, given_up: Callable[[], bool]) -> bool:
         """Wait for ``condition``, at most so many seconds; return whether it has come true.
 
         Raises:
-            TimeoutError: if the links are given up.
+            GivenUpError: if the wait is given up.
         """
         with self._changed:
-            there = self._changed.wait_for(lambda: condition() or self._given_up(), seconds)
+            there = self._changed.wait_for(lambda: condition() or given_up(), seconds)
             if there and not condition():
-                raise TimeoutError("stopped linking to neighbours, because a newer command has arrived")
+                raise GivenUpError("stopped linking to neighbours, because a newer command has arrived")
         return there
 
     def _reroute(self) -> None:

@@ -1,0 +1,96 @@
+"""The epochs of a node: the links that it waits for while commands come and go."""
+
+import contextlib
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from places import until
+
+from node.driver import Driver, make_fast_path
+from node.epochs import Epochs
+from node.node_config import NodeConfig
+from node.telemetry import Telemetry
+from node.turn_taking import TurnTaking
+from problems import load
+from problems.modules import Modules
+from wire import sessions
+from wire.control import Done, Drop, Prepare, Refused, TellStates, Wiring
+from wire.takeover import Takeover
+
+FILE = load(Path(__file__).resolve().parents[2] / "examples" / "rastrigin.toml").with_run(topology="torus 1x2")
+PATIENCE = 30.0  # seconds
+
+
+@pytest.fixture
+def nodes():
+    """The epochs of two nodes that have no links yet, as of processes that have just taken the place of dead ones."""
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder, contextlib.ExitStack() as closing:
+        router = sessions.unix_socket(Path(folder), "r")
+        closing.enter_context(contextlib.closing(sessions.router([router])))
+        found = []
+        for node in range(2):
+            config = NodeConfig("c1", node, "", Path(folder), router, bytes(32), Modules())
+            control = closing.enter_context(contextlib.closing(sessions.client(router)))
+            telemetry = Telemetry(node, lambda _: None, lambda _: None)
+            driver = Driver(lambda *_: None, telemetry, TurnTaking({}), make_fast_path(), lambda *_: None)
+            found.append(Epochs(config, control, driver, telemetry))
+        yield found
+        for each in found:
+            if each.links is not None:
+                each.links.close()
+
+
+def to_prepare(number=1):
+    """To go on where a dead process was."""
+    return Prepare(1, 0, FILE.to_json(), Wiring(number, (0, 1)), 0, takeover=Takeover(0, b""))
+
+
+@pytest.mark.parametrize("ends", [to_prepare(), TellStates(1, 0), Drop(1)])
+def test_links_that_wait_for_a_neighbour_go_on_waiting_after_a_newer_command(nodes, ends):
+    first, second = nodes
+    order = to_prepare()
+    with ThreadPoolExecutor(2) as threads:
+        first.note(order)
+        waiting = threads.submit(first.prepare, order)
+        links = until(lambda: first.links)
+        first.note(ends)
+        assert isinstance(waiting.result(PATIENCE), Refused)
+        assert not links.complete
+        orders = [to_prepare(), to_prepare()]
+        answers = []
+        for each, order in zip(nodes, orders, strict=True):
+            each.note(order)
+            answers.append(threads.submit(each.prepare, order))
+        assert all(isinstance(each.result(PATIENCE), Done) for each in answers)
+    assert first.links is links, "a session that begins anew is one more that its neighbours have to link with"
+    assert links.complete
+    assert second.wirings == [1]
+
+
+def test_links_of_another_wiring_take_the_place_of_those_that_wait(nodes):
+    first, _ = nodes
+    orders = [to_prepare(1), to_prepare(2)]
+    with ThreadPoolExecutor(1) as thread:
+        first.note(orders[0])
+        waiting = thread.submit(first.prepare, orders[0])
+        until(lambda: first.links)
+        first.note(orders[1])
+        waiting.result(PATIENCE)
+        waiting = thread.submit(first.prepare, orders[1])
+        until(lambda: first.wirings == [2])
+        first.note(Drop(1))
+        assert isinstance(waiting.result(PATIENCE), Refused)
+
+
+def test_a_neighbour_that_never_comes_is_named_and_the_links_are_closed(nodes, monkeypatch):
+    monkeypatch.setattr("node.links._HASTY_WITHIN", 0.1)
+    first, _ = nodes
+    order = to_prepare()
+    first.note(order)
+    answer = first.prepare(order)
+    assert isinstance(answer, Refused)
+    assert "no link to cells 1" in answer.message
+    assert first.links is None
+    assert first.wirings == []
