@@ -3,6 +3,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Some images forbid Python to keep what it compiles; each of the processes that tests start would compile all anew.
+export PYTHONDONTWRITEBYTECODE :=
 # Bit-identity and processes: tested with and without what relies on private parts (lowlevel/).
 BOTH_WAYS := tests/node/engine tests/node/test_driver.py tests/node/test_replay.py tests/coordinator/launch/test_cluster.py
 
