@@ -1,4 +1,4 @@
-"""The epochs of a node: the links that it waits for while commands come and go."""
+"""The links of a node: how it waits for its neighbours while commands come and go."""
 
 import contextlib
 import tempfile
