@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from places import until
 from stub_dispatcher import result
 
 from coordinator.errors import ClusterFailed
@@ -28,15 +29,17 @@ PATIENCE = 30.0  # seconds
 
 
 class Processes:
-    """A node and a spy that note which jobs they are told to forget."""
+    """A node and a spy that note which jobs they are told to forget; ready once the other session can reach them."""
 
-    def __init__(self, session):
+    def __init__(self, session, other):
         self._told = queue.SimpleQueue()
         seals = Seal(SECRET), Seal(SECRET)  # each process has one, which opens a command once
         self._kept = [
             session.declare_queryable(key, direct(partial(self._take, key, seal)))
             for key, seal in zip((KEYS.control(0), KEYS.spy_control), seals, strict=True)
         ]
+        self._token = session.liveliness().declare_token(KEYS.node(0))
+        until(lambda: list(other.liveliness().get(KEYS.node(0))))
 
     def _take(self, key, seal, query):
         with query:
@@ -65,7 +68,7 @@ def both(job):
 
 
 def test_a_job_is_remembered_until_its_end_is_stored(sessions_of_both):
-    processes, forgetting = Processes(sessions_of_both[0]), Forgetting(sessions_of_both[1], KEYS, Seal(SECRET))
+    processes, forgetting = Processes(*sessions_of_both), Forgetting(sessions_of_both[1], KEYS, Seal(SECRET))
     forget = forgetting.after(1, GOOD)
     forgetting.after(2, GOOD)
     assert forgetting.remembered == {1, 2}
@@ -76,7 +79,7 @@ def test_a_job_is_remembered_until_its_end_is_stored(sessions_of_both):
 
 @pytest.mark.parametrize("outcome", [ClusterFailed("out of paper"), BAD])
 def test_a_job_that_failed_is_forgotten_at_once(sessions_of_both, outcome):
-    processes, forgetting = Processes(sessions_of_both[0]), Forgetting(sessions_of_both[1], KEYS, Seal(SECRET))
+    processes, forgetting = Processes(*sessions_of_both), Forgetting(sessions_of_both[1], KEYS, Seal(SECRET))
     forget = forgetting.after(3, outcome)
     assert processes.next_two() == both(3)
     forget()
