@@ -305,7 +305,7 @@ def test_a_router_that_dies_takes_tokens_and_questions_and_its_successor_brings_
         net.wait_for(lambda: queries)
         net.kill_router()
         net.wait_for(lambda: seen.samples[1:] == [("t/1", b"", False)] and asked.is_over)
-        assert not other.info.routers_zid()
+        net.wait_for(lambda: not other.info.routers_zid())
         one.put("a", b"lost")
         alone = Asked(net, other, "q", timeout=60.0)
         net.wait_for(lambda: alone.is_over)
