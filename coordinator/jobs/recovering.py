@@ -147,8 +147,9 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], begin: Col
     neighbour must still have its messages since then, and must not wait for a message of the dead cell from before:
     one that is itself catching up is behind, but has the messages that the dead cell had sent until then.
 
-    The new process will have its own messages since that generation only. A neighbour that dies next needs those since
-    its own state; so, if possible, no state is chosen that is later than the latest one kept of each living neighbour.
+    The new process will have its own messages since that generation only, and for a while it will have heard no later
+    ones. A living neighbour that dies then can go on from that generation, hardly from another one. So, if possible,
+    one is chosen of which its state is kept too, or at least none that is later than the latest state kept of it.
 
     Args:
         topology: the neighbours of each cell.
@@ -166,8 +167,10 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], begin: Col
         common = set.intersection(*(set(states) for states in offered.values()))
         fit = [each for each in common if all(_may_go_on(cell, each, beside) for cell, beside in links)]
         if fit:
-            known = [max(latest_states(kept, beside.cell), default=0) for _, beside in links]
-            best = max([each for each in fit if each <= min(known, default=each)] or fit)
+            known = [latest_states(kept, beside.cell).keys() for _, beside in links]
+            shared = [each for each in fit if all(each in its for its in known)]
+            earlier = [each for each in fit if all(each <= max(its, default=0) for its in known)]
+            best = max(shared or earlier or fit)
             chosen |= {cell: (best, offered[cell][best]) for cell in group}
     return chosen
 

@@ -243,6 +243,8 @@ def test_its_neighbours_can_die_next_and_have_the_messages_since_their_own_state
     assert choose(keeping({5}, beside | {5: (80, 88, 96)})) == {5: (96, b"96")}
     assert choose(keeping({5}, beside | {1: (80, 88), 5: (80, 88, 96)})) == {5: (88, b"88")}
     assert choose(keeping({5}, beside | {1: (72,), 5: (80, 88, 96)})) == {5: (96, b"96")}, "it cannot be helped"
+    assert choose(keeping({5}, beside | {1: (80, 88, 95), 5: (80, 88, 94)})) == {5: (88, b"88")}, "those also have it"
+    assert choose(keeping({5}, beside | {1: (80, 92, 95), 5: (80, 88, 94)})) == {5: (94, b"94")}, "not later at least"
 
 
 def test_dead_neighbours_go_on_from_the_same_generation_and_others_from_theirs():
