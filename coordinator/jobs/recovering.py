@@ -8,7 +8,7 @@ The epoch goes on; the other cells only wait.
 import json
 import time
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from coordinator.jobs.calls import ASK_AGAIN, Given, RefusedError
 from coordinator.jobs.conducted_job import ConductedJob
@@ -140,6 +140,20 @@ def least_stop(kept: Mapping[int, KeptStates]) -> int | None:
     return min((each.stop_at for each in kept.values() if each.stop_at is not None), default=None)
 
 
+class _Choice(NamedTuple):
+    """From which generation dead cells that are linked with each other can go on.
+
+    Attributes:
+        offered: by cell, what is kept of it: states by generation.
+        shared: the generations of which the states of all living neighbours are kept too.
+        best: the generation to choose where only these cells count.
+    """
+
+    offered: Mapping[int, Mapping[int, bytes]]
+    shared: set[int]
+    best: int
+
+
 def choose_states(topology: Topology, kept: Mapping[int, KeptStates], begin: Collection[int]) -> States:
     """Return the latest state from which each dead cell can go on; cells that cannot are left out.
 
@@ -149,7 +163,8 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], begin: Col
 
     The new process will have its own messages since that generation only, and for a while it will have heard no later
     ones. A living neighbour that dies then can go on from that generation, hardly from another one. So, if possible,
-    one is chosen of which its state is kept too, or at least none that is later than the latest state kept of it.
+    one is chosen of which its state is kept too, the same for all dead cells, since one may be beside several of them;
+    or at least none that is later than the latest state kept of it.
 
     Args:
         topology: the neighbours of each cell.
@@ -159,6 +174,7 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], begin: Col
     first = {cell: {0: b""} for cell in begin}
     dead = set(range(topology.cells)) - kept.keys()
     chosen: States = {}
+    choices: list[_Choice] = []
     while dead:
         group = _connected(topology, dead)
         dead -= group
@@ -168,10 +184,13 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], begin: Col
         fit = [each for each in common if all(_may_go_on(cell, each, beside) for cell, beside in links)]
         if fit:
             known = [latest_states(kept, beside.cell).keys() for _, beside in links]
-            shared = [each for each in fit if all(each in its for its in known)]
-            earlier = [each for each in fit if all(each <= max(its, default=0) for its in known)]
-            best = max(shared or earlier or fit)
-            chosen |= {cell: (best, offered[cell][best]) for cell in group}
+            shared = {each for each in fit if all(each in its for its in known)}
+            earlier = {each for each in fit if all(each <= max(its, default=0) for its in known)}
+            choices.append(_Choice(offered, shared, max(shared or earlier or fit)))
+    for_all = set.intersection(*(choice.shared for choice in choices)) if choices else set()
+    for choice in choices:
+        best = max(for_all, default=choice.best)
+        chosen |= {cell: (best, states[best]) for cell, states in choice.offered.items()}
     return chosen
 
 

@@ -252,6 +252,12 @@ def test_dead_neighbours_go_on_from_the_same_generation_and_others_from_theirs()
     assert {cell: its for cell, (its, _) in choose(kept).items()} == {0: 88, 1: 88, 10: 96}
 
 
+def test_a_neighbour_of_two_dead_cells_can_die_next():
+    ahead = dict.fromkeys((7, *TORUS.neighbours(7)), (80, 88, 96))
+    kept = keeping({5, 7}, dict.fromkeys(range(12), (80, 88)) | ahead)
+    assert {cell: its for cell, (its, _) in choose(kept).items()} == {5: 88, 7: 88}, "4 and 6 are beside both"
+
+
 def test_a_neighbour_that_is_behind_needs_the_messages_since():
     kept = keeping({5}, {5: (80, 88, 96)})
     kept[1] = dataclasses.replace(kept[1], generation=90, states=(), heard=((5, 90),))
