@@ -110,16 +110,16 @@ class Epochs:
         Links for which the wait was given up stay open. While processes die one after the other the coordinator sends
         command after command, and links that began anew with each would not be complete before the next death.
         """
-        present = None if self._driver.assignment is None else self._driver.assignment.links
-        for links in (self.links, present):
-            if links is not None and links.leads_to(topology, wiring):
-                return links
+        if self.links is not None and self.links.leads_to(topology, wiring):
+            return self.links
         self._close_latest()  # of an epoch that was given up: neighbours must not find them at the new ones' port
-
-        handlers = self._driver.make_handler, self._driver.queue.put
-        links = Links(self._config, topology, wiring, self._control, *handlers, self._changed)
-        self.links = links  # those before are in use, and closed when that ends
-        return links
+        present = None if self._driver.assignment is None else self._driver.assignment.links
+        if present is not None and present.leads_to(topology, wiring):
+            self.links = present
+        else:
+            handlers = self._driver.make_handler, self._driver.queue.put
+            self.links = Links(self._config, topology, wiring, self._control, *handlers, self._changed)
+        return self.links
 
     def _close_latest(self) -> None:
         """Close the latest links unless the present epoch or the one before still needs them."""
@@ -151,7 +151,6 @@ class Epochs:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"node {self._config.node}: {type(error).__name__}: {error}")
-        self._keep(links)
         self._telemetry.cluster_nodes = command.cluster_nodes
         if cell is None:
             begins_with = command.since, command.deme, command.fresh, command.takeover
@@ -172,16 +171,6 @@ class Epochs:
         """
         assignment = self._driver.assignment
         return assignment is not None and assignment.job == command.job and assignment.epoch < command.epoch
-
-    def _keep(self, links: Links) -> None:
-        """Keep these links for the next epochs; close the previous ones unless the present epoch still needs them."""
-        before, self.links = self.links, links
-        if (
-            before is not None
-            and before is not links
-            and (self._driver.assignment is None or self._driver.assignment.links is not before)
-        ):
-            before.close()
 
     def begin(self, command: Begin, query: zenoh.Query) -> None:
         """Begin an epoch. If asked again, as by a coordinator that takes over, report to the latest query only."""
