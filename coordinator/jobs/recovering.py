@@ -93,9 +93,8 @@ class Recovering:
         Raises:
             ReplacedError: if another process dies meanwhile.
         """
-        kept = self.kept_states()
-        states = {cell: latest_states(kept, cell) for cell in dead}
-        return {cell: found[max(found)] for cell, found in states.items() if found}
+        states = states_by_cell(self.kept_states())
+        return {cell: states[cell][max(states[cell])] for cell in dead & states.keys()}
 
     def kept_states(self) -> dict[int, KeptStates]:
         """Return what the living cells of the latest epoch keep, by cell.
@@ -171,26 +170,27 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], begin: Col
         kept: what each living cell keeps.
         begin: cells that can also begin the epoch once more, from an empty state of generation 0.
     """
+    states = states_by_cell(kept)
     first = {cell: {0: b""} for cell in begin}
     dead = set(range(topology.cells)) - kept.keys()
-    chosen: States = {}
     choices: list[_Choice] = []
     while dead:
         group = _connected(topology, dead)
         dead -= group
-        offered = {cell: first.get(cell, {}) | latest_states(kept, cell) for cell in group}
+        offered = {cell: first.get(cell, {}) | states.get(cell, {}) for cell in group}
         links = [(cell, kept[other]) for cell in group for other in topology.neighbours(cell) if other in kept]
-        common = set.intersection(*(set(states) for states in offered.values()))
-        fit = [each for each in common if all(_may_go_on(cell, each, beside) for cell, beside in links)]
+        common = set.intersection(*(set(its) for its in offered.values()))
+        fit = {each for each in common if all(_may_go_on(cell, each, beside) for cell, beside in links)}
         if fit:
-            known = [latest_states(kept, beside.cell).keys() for _, beside in links]
-            shared = {each for each in fit if all(each in its for its in known)}
+            known = [states.get(beside.cell, {}).keys() for _, beside in links]
+            shared = fit.intersection(*known)
             earlier = {each for each in fit if all(each <= max(its, default=0) for its in known)}
             choices.append(_Choice(offered, shared, max(shared or earlier or fit)))
     for_all = set.intersection(*(choice.shared for choice in choices)) if choices else set()
+    chosen: States = {}
     for choice in choices:
         best = max(for_all, default=choice.best)
-        chosen |= {cell: (best, states[best]) for cell, states in choice.offered.items()}
+        chosen |= {cell: (best, its[best]) for cell, its in choice.offered.items()}
     return chosen
 
 
@@ -199,9 +199,13 @@ def _may_go_on(cell: int, generation: int, beside: KeptStates) -> bool:
     return beside.oldest <= generation <= max(beside.generation, dict(beside.heard).get(cell, 0))
 
 
-def latest_states(kept: Mapping[int, KeptStates], cell: int) -> dict[int, bytes]:
-    """Return the states of a cell that others keep, by generation."""
-    return {generation: state for each in kept.values() for whose, generation, state in each.states if whose == cell}
+def states_by_cell(kept: Mapping[int, KeptStates]) -> dict[int, dict[int, bytes]]:
+    """Return the states that are kept of each cell, by generation; cells of which there is none are left out."""
+    found: dict[int, dict[int, bytes]] = {}
+    for each in kept.values():
+        for cell, generation, state in each.states:
+            found.setdefault(cell, {})[generation] = state
+    return found
 
 
 def _connected(topology: Topology, cells: set[int]) -> set[int]:
