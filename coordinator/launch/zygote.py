@@ -178,7 +178,7 @@ class Zygote:
     def _warm_up(self, nodes: int) -> None:
         """Import everything that a child needs, and arrange memory so that children write to few shared pages."""
         gc.disable()  # hardly anything is garbage while modules are imported
-        import_all(self._kinds)
+        import_all(self._kinds, with_coordinator=self.service is not None)
         import node.core_token
         import node.process
         import spy.process
