@@ -5,7 +5,10 @@ Measurements led to these choices:
 - No shared memory, whose watchdog wakes every process 20 times a second, and long leases: an idle node then costs next
   to nothing.
 - A node needs only one runtime thread.
-- A router must not receive and send on the same thread, or it can deadlock.
+- A router must not receive and send on the same thread, or it can deadlock: while it waits for room in the queue to an
+  asker, another thread must empty that queue. Nor may that be the thread (``net``) that tells askers that their time is
+  over, since that waits for the same queue: nobody was answered for 10 s. A socket is watched by the threads that have
+  accepted it (``acc``), so these send as well.
 """
 
 import ipaddress
@@ -22,7 +25,7 @@ from wire.members import OTHERS, ROUTERS, Identity
 
 # In the syntax of ZENOH_RUNTIME; a runtime with a "handover" has no threads and runs its tasks on the other's.
 NODE_RUNTIME = "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
-ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),app:(handover:net))"
+ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(worker_threads:1),tx:(handover:acc),app:(handover:net))"
 
 UNIX_SOCKET = "unixsock-stream/"
 """How the endpoint of a Unix socket begins; the rest is its path."""

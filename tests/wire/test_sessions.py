@@ -6,20 +6,24 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from contextlib import closing
 from pathlib import Path
 
 import pytest
+import zenoh
 from places import until
 
 from supernode.deploy.addresses import free_port
 from wire import sessions
+from wire.callbacks import direct
 
 LONG_BYTES = 800_000  # of one answer: what three states of each of four neighbours and the messages since take
 # With one queue for all answers it takes a minute, since each full queue is given up after 5 s.
 ANSWERED_WITHIN = 30.0  # s
 QUESTIONS = 30
+RUNS_OUT_AFTER = 1.0  # s
 
 ANSWERING = """
 import queue, sys
@@ -50,6 +54,14 @@ print("ready", flush=True)
 signal.pause()
 """
 
+SILENT = """
+import signal, sys
+from wire import sessions
+session, kept = sessions.client(sys.argv[1]), []
+queryable = session.declare_queryable("asked", kept.append)
+print("ready", flush=True)
+signal.pause()
+"""
 STOPPING = """
 import os, signal, sys
 from wire import sessions
@@ -120,6 +132,35 @@ def test_clients_that_do_not_read_hold_up_nobody(tmp_path):
             assert len(answered(session, b"short")) == 400_000
             assert time.monotonic() - began < 20.0
             assert len(answered(session, b"long")) == 20_000_000
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+
+
+def test_a_question_that_runs_out_while_its_asker_is_slow_holds_up_nobody(tmp_path):
+    """The router then has to tell the asker so, while it waits for room for the answers that have come."""
+    endpoint, processes, come = sessions.unix_socket(tmp_path, "router"), [], []
+    is_slow, is_over = threading.Event(), threading.Event()
+
+    def hear(reply):  # on the network thread, which reads nothing meanwhile
+        if not come:
+            is_slow.set()
+            time.sleep(2 * RUNS_OUT_AFTER)
+        come.append(reply)
+
+    try:
+        processes += [started(ROUTING, endpoint), started(SILENT, endpoint), started(JOBS, endpoint)]
+        processes += [started(ANSWERING, endpoint, LONG_BYTES) for _ in range(4)]
+        with closing(sessions.client(endpoint)) as asking, closing(sessions.client(endpoint)) as another:
+            everybody = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
+            long = {"payload": b"long", "priority": sessions.LONG_ANSWER, "timeout": RUNS_OUT_AFTER}
+            asking.get("asked", direct(hear, is_over.set), **everybody, **long)
+            assert is_slow.wait(20.0)
+            began = time.monotonic()
+            assert len(answered(another, b"short")) == 400_000
+            assert is_over.wait(20.0)
+            assert time.monotonic() - began < 2 * RUNS_OUT_AFTER + 3.0  # it takes 5 s to give up a full queue
     finally:
         for process in processes:
             process.kill()
