@@ -20,13 +20,14 @@ from problems.tables import Table, quantity
 Floats = NDArray[np.float64]
 
 MOST_TRIANGLES = 100_000
+_MOST_UNIT = 1e6  # m, of a file of triangles
 
 
 class Mesh(Table):
     """A solid bounded by triangles; it has an inside if their surface is closed."""
 
     file: str | None = quantity("", "an STL or OBJ file, relative to the problem file", default=None)
-    unit: float = quantity("m", "the length unit of the file, such as 0.001", default=1.0, gt=0, le=1e6)
+    unit: float = quantity("m", "the length unit of the file, such as 0.001", default=1.0, gt=0, le=_MOST_UNIT)
     packed: str | None = quantity("", "the triangles, which replace the file when it is read", default=None)
 
     @model_validator(mode="after")
@@ -102,7 +103,7 @@ def gathered(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def _filled(mesh: dict[str, Any], field: str, folder: Path) -> dict[str, Any]:
     unit = mesh.get("unit", 1.0)
-    if not isinstance(unit, float | int) or isinstance(unit, bool):
+    if not isinstance(unit, float | int) or isinstance(unit, bool) or not 0.0 < unit <= _MOST_UNIT:
         return mesh  # validation by the schema raises the error
     triangles = _read(mesh["file"], field, folder) * unit
     return {name: value for name, value in mesh.items() if name not in ("file", "unit")} | {"packed": packed(triangles)}

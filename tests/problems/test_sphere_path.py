@@ -628,6 +628,19 @@ def test_bad_files_give_one_clear_line(text, complaint, tmp_path):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("unit", ["-1", "0", "nan", "1e9", "1" + 400 * "0"])
+@pytest.mark.parametrize("table", ["mesh", "vehicle.mesh"])
+def test_the_unit_of_a_mesh_file_must_be_one(table, unit, tmp_path):
+    pytest.importorskip("trimesh")
+    (tmp_path / "wall.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    own = "" if table == "vehicle.mesh" else "radius = 1"
+    path = tmp_path / "problem.toml"
+    path.write_text(SPACE + f"[vehicle]\n{own}\n[{table}]\nfile = 'wall.obj'\nunit = {unit}")
+    with pytest.raises(BadInput) as error:
+        load(path)
+    assert str(error.value).startswith(f"{path}: {table}.unit: expected ")
+
+
 def test_a_named_mesh_is_asked_for_by_load():
     with pytest.raises(ValueError, match=r"as `supernode\.load` reads them"):
         made(start=[1.0] * 3, goal=[9.0] * 3, vehicle={"radius": 0.1}, mesh={"file": "wall.stl"})
