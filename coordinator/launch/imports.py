@@ -1,9 +1,6 @@
 """What the processes of a cluster import before they are forked, so that none imports or compiles it for itself."""
 
-import importlib
 from collections.abc import Collection
-
-_OF_A_COORDINATOR = ("coordinator.service.launched", "sqlalchemy.dialects.sqlite", "sqlite3")
 
 
 def import_all(kinds: Collection[str] | None = None, with_coordinator: bool = False) -> None:
@@ -17,15 +14,18 @@ def import_all(kinds: Collection[str] | None = None, with_coordinator: bool = Fa
     """
     import numpy.ma  # numba asks whether an array is one of these  # noqa: F401
 
-    import coordinator.launch.router  # noqa: F401
+    import coordinator.launch.router
     import node.process  # noqa: F401
     import problems.registry
     import spy.process  # noqa: F401
     from node.fingerprint import fingerprint
 
     if with_coordinator:
-        for module in _OF_A_COORDINATOR:
-            importlib.import_module(module)
+        import sqlite3  # noqa: F401
+
+        import sqlalchemy.dialects.sqlite  # noqa: F401
+
+        import coordinator.service.launched  # noqa: F401
 
     problems.registry.warm_up(kinds)
     fingerprint()

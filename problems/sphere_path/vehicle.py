@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import field_validator, model_validator
+from pydantic import ValidationError, field_validator, model_validator
 
 from problems.errors import BadInput, shorten
 from problems.plain_values import is_file
@@ -20,14 +20,13 @@ from problems.tables import Table, quantity
 Floats = NDArray[np.float64]
 
 MOST_TRIANGLES = 100_000
-_MOST_UNIT = 1e6  # m, of a file of triangles
 
 
 class Mesh(Table):
     """A solid bounded by triangles; it has an inside if their surface is closed."""
 
     file: str | None = quantity("", "an STL or OBJ file, relative to the problem file", default=None)
-    unit: float = quantity("m", "the length unit of the file, such as 0.001", default=1.0, gt=0, le=_MOST_UNIT)
+    unit: float = quantity("m", "the length unit of the file, such as 0.001", default=1.0, gt=0, le=1e6)
     packed: str | None = quantity("", "the triangles, which replace the file when it is read", default=None)
 
     @model_validator(mode="after")
@@ -102,11 +101,13 @@ def gathered(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _filled(mesh: dict[str, Any], field: str, folder: Path) -> dict[str, Any]:
-    unit = mesh.get("unit", 1.0)
-    if not isinstance(unit, float | int) or isinstance(unit, bool) or not 0.0 < unit <= _MOST_UNIT:
-        return mesh  # validation by the schema raises the error
+    named = {name: mesh[name] for name in ("file", "unit") if name in mesh}
+    try:
+        unit = Mesh.model_validate(named, strict=True).unit
+    except ValidationError:
+        return mesh  # validation of the whole problem raises the error
     triangles = _read(mesh["file"], field, folder) * unit
-    return {name: value for name, value in mesh.items() if name not in ("file", "unit")} | {"packed": packed(triangles)}
+    return {name: value for name, value in mesh.items() if name not in named} | {"packed": packed(triangles)}
 
 
 def _read(name: str, field: str, folder: Path) -> Floats:

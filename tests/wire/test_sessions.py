@@ -88,24 +88,30 @@ signal.pause()
 """
 
 
-def started(code, *arguments):
-    command = [sys.executable, "-c", code, *map(str, arguments)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert process.stdout.readline() == "ready\n"
-    return process
+@pytest.fixture
+def start():
+    """Start a script in a process of its own, and wait until it is ready; all are killed at the end."""
+    processes = []
+
+    def started(code, *arguments):
+        command = [sys.executable, "-c", code, *map(str, arguments)]
+        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        assert processes[-1].stdout.readline() == "ready\n"
+
+    yield started
+    for process in processes:
+        process.kill()
+        process.communicate()
 
 
 @pytest.fixture
-def asking():
+def asking(start):
     with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
         endpoint = sessions.unix_socket(Path(folder), "router")
-        processes = [started(ROUTING, endpoint), started(ANSWERING, endpoint, LONG_BYTES)]
-        session = sessions.client(endpoint)
-        yield session
-        session.close()
-        for process in processes:
-            process.kill()
-            process.communicate()
+        start(ROUTING, endpoint)
+        start(ANSWERING, endpoint, LONG_BYTES)
+        with closing(sessions.client(endpoint)) as session:
+            yield session
 
 
 def test_short_answers_are_given_beside_long_ones(asking):
@@ -119,28 +125,24 @@ def test_short_answers_are_given_beside_long_ones(asking):
     assert time.monotonic() - began < ANSWERED_WITHIN
 
 
-def test_clients_that_do_not_read_hold_up_nobody(tmp_path):
+def test_clients_that_do_not_read_hold_up_nobody(start, tmp_path):
     """Each of the six would for 5 s, until Zenoh gives it up, if the router waited for room for its answers."""
-    local, abroad, processes = sessions.unix_socket(tmp_path, "router"), f"tcp/127.0.0.1:{free_port()}", []
-    try:
-        processes += [started(ROUTING, local, abroad)]
-        processes += [started(JOBS, local)]
-        with closing(sessions.client(abroad)) as session:
-            assert len(answered(session, b"short")) == 400_000
-            processes += [started(STOPPING, abroad) for _ in range(6)]
-            began = time.monotonic()
-            assert len(answered(session, b"short")) == 400_000
-            assert time.monotonic() - began < 20.0
-            assert len(answered(session, b"long")) == 20_000_000
-    finally:
-        for process in processes:
-            process.kill()
-            process.communicate()
+    local, abroad = sessions.unix_socket(tmp_path, "router"), f"tcp/127.0.0.1:{free_port()}"
+    start(ROUTING, local, abroad)
+    start(JOBS, local)
+    with closing(sessions.client(abroad)) as session:
+        assert len(answered(session, b"short")) == 400_000
+        for _ in range(6):
+            start(STOPPING, abroad)
+        began = time.monotonic()
+        assert len(answered(session, b"short")) == 400_000
+        assert time.monotonic() - began < 20.0
+        assert len(answered(session, b"long")) == 20_000_000
 
 
-def test_a_question_that_runs_out_while_its_asker_is_slow_holds_up_nobody(tmp_path):
+def test_a_question_that_runs_out_while_its_asker_is_slow_holds_up_nobody(start, tmp_path):
     """The router then has to tell the asker so, while it waits for room for the answers that have come."""
-    endpoint, processes, come = sessions.unix_socket(tmp_path, "router"), [], []
+    endpoint, come = sessions.unix_socket(tmp_path, "router"), []
     is_slow, is_over = threading.Event(), threading.Event()
 
     def hear(reply):  # on the network thread, which reads nothing meanwhile
@@ -149,22 +151,19 @@ def test_a_question_that_runs_out_while_its_asker_is_slow_holds_up_nobody(tmp_pa
             time.sleep(2 * RUNS_OUT_AFTER)
         come.append(reply)
 
-    try:
-        processes += [started(ROUTING, endpoint), started(SILENT, endpoint), started(JOBS, endpoint)]
-        processes += [started(ANSWERING, endpoint, LONG_BYTES) for _ in range(4)]
-        with closing(sessions.client(endpoint)) as asking, closing(sessions.client(endpoint)) as another:
-            everybody = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
-            long = {"payload": b"long", "priority": sessions.LONG_ANSWER, "timeout": RUNS_OUT_AFTER}
-            asking.get("asked", direct(hear, is_over.set), **everybody, **long)
-            assert is_slow.wait(20.0)
-            began = time.monotonic()
-            assert len(answered(another, b"short")) == 400_000
-            assert is_over.wait(20.0)
-            assert time.monotonic() - began < 2 * RUNS_OUT_AFTER + 5.0  # it took 10 s
-    finally:
-        for process in processes:
-            process.kill()
-            process.communicate()
+    for script in (ROUTING, SILENT, JOBS):
+        start(script, endpoint)
+    for _ in range(4):
+        start(ANSWERING, endpoint, LONG_BYTES)
+    with closing(sessions.client(endpoint)) as asking, closing(sessions.client(endpoint)) as another:
+        everybody = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
+        long = {"payload": b"long", "priority": sessions.LONG_ANSWER, "timeout": RUNS_OUT_AFTER}
+        asking.get("asked", direct(hear, is_over.set), **everybody, **long)
+        assert is_slow.wait(20.0)
+        began = time.monotonic()
+        assert len(answered(another, b"short")) == 400_000
+        assert is_over.wait(20.0)
+        assert time.monotonic() - began < 2 * RUNS_OUT_AFTER + 5.0  # it took 10 s
 
 
 def answered(session, payload):
