@@ -169,7 +169,7 @@ def _place_of_content(checkpoint: bytes) -> int:
 
 
 def _with_digest(content: bytes) -> bytes:
-    return b"supernode checkpoint 2\n" + hashlib.sha256(content).digest() + content
+    return b"supernode checkpoint 3\n" + hashlib.sha256(content).digest() + content
 
 
 def _read_checkpoint(data: bytes) -> Checkpoint:

@@ -24,7 +24,7 @@ CHECKPOINT_EVERY = 30.0
 """Seconds from one checkpoint to the next, unless a user wants another time."""
 
 _MAGIC = b"supernode checkpoint "
-_VERSION = b"2"
+_VERSION = b"3"
 _DIGEST_BYTES = 32
 
 

@@ -131,13 +131,14 @@ def _keep_state(table: Any, state: Any, header: Any, number: Any, interval: Any)
     """
     room, marks = octets(table, _STATES)[number], integers(table, _STATE_MARKS)[number]
     entries = integers(table, _STATE_ENTRIES)[number * _STATES_OF_EACH : (number + 1) * _STATES_OF_EACH]
-    sender = integers(table, _SENDERS)[0, number]
-    if state.size <= room.size and not ring.has(entries, marks, sender, header[GENERATION]):
+    most = room.size // _STATES_OF_EACH  # each has a place of this size, so none is lost to a gap at the end
+    if state.size <= most and not ring.has(entries, marks, header[GENERATION]):
         if interval > 0:
             ring.drop_latest_unless_multiple(entries, marks, interval * LEAST_DISTANCE)
-        start = ring.begin(room, entries, marks, state.size)
+        start = ring.begin(room, entries, marks, most)
         room[start : start + state.size] = state
-        ring.end(entries, marks, start, state.size, sender, header[GENERATION])
+        ring.end(entries, marks, start, state.size, header[GENERATION])
+        ring.leave_gap(marks, start + most)
 
 
 @subroutine
@@ -241,7 +242,7 @@ class Inbox:
         staleness: in async mode the counts of `wire.report.Staleness`.
         missing_count: in lockstep a function that returns how many neighbours' messages for the next exchange have not
             come. It is a bound C method, because it is called in each generation.
-        states: the latest states of each neighbour. Each has a ring of its own, since one may send them more often.
+        rings: the latest states of each neighbour. Each has a ring of its own: one may send them more often.
         table: pointers to everything that `hear` works on.
     """
 
@@ -263,10 +264,9 @@ class Inbox:
         self.used = np.zeros(len(slots), np.int64)
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
         spare = np.arange(2, 3 + exchanges * others)  # one for each message that may be kept, and one to decode into
-        # With room for one more than it keeps a ring loses none to the gap at its end, however long each state is.
-        room = (_STATES_OF_EACH + 1) * plan.limits.most_state_bytes
+        room = _STATES_OF_EACH * plan.limits.most_state_bytes
         rooms, entries, marks = ring.arrays(others, room, _STATES_OF_EACH)
-        self._states = [ring.Ring(*its) for its in zip(rooms, entries, marks, strict=True)]
+        self.rings = [ring.Ring(*its) for its in zip(rooms, entries, marks, strict=True)]
         self.counts = _COUNT.zeros()
         self.counts[_SPARE], self.counts[MISSING], self.counts[_LEAST_STOP] = len(spare), others, NEVER
         self.missing_count = partial(self.counts.item, MISSING)
@@ -325,7 +325,7 @@ class Inbox:
     @property
     def states(self) -> tuple[tuple[int, int, bytes], ...]:
         """The latest states of the neighbours, each with its cell and its generation; those of a cell in order."""
-        return tuple(each for its in self._states for each in its)
+        return tuple((other, *each) for other, its in zip(self.neighbours, self.rings, strict=True) for each in its)
 
     def states_told_once(self) -> tuple[tuple[int, int, bytes], ...]:
         """Return the latest states of the neighbours that name this cell first; another cell tells the others'."""

@@ -9,11 +9,12 @@ import numpy as np
 from node.engine.ring import Ring, arrays
 from node.engine.state_size import LEAST_DISTANCE
 
-BYTES = 12 << 10
+BYTES = 7 << 10
 """Room for messages, unless fewer than `_AT_LEAST` of the longest ones fit in."""
 
 _AT_LEAST = 8
-_MOST_MESSAGES = 128
+_MOST_MESSAGES = 100
+_SPARE = 4  # messages beyond those back to the third last state: a neighbour may be ahead, and sizes differ a little
 _STATE_SECONDS = 0.25  # from one state to the next, or sooner if the outbox is small
 
 
@@ -34,7 +35,7 @@ class Outbox(Ring):
 
     def since(self, generation: int) -> list[bytes]:
         """Return the messages of a generation and of all after it; an empty list if the first of these is not kept."""
-        kept = {its: message for _, its, message in self}  # a message that was published again counts once
+        kept = dict(self)  # a message that was published again counts once
         return [message for its, message in kept.items() if its >= generation] if generation in kept else []
 
     def messages_between_states(self, seconds: float) -> int:
@@ -46,7 +47,7 @@ class Outbox(Ring):
         Args:
             seconds: the time from one message to the next.
         """
-        wanted = min(self.most_messages // 4, int(_STATE_SECONDS / max(seconds, 1e-6)))
+        wanted = min((self.most_messages - _SPARE) // 3, int(_STATE_SECONDS / max(seconds, 1e-6)))
         return max(LEAST_DISTANCE, 1 << (max(1, wanted).bit_length() - 1))
 
     @property
@@ -57,4 +58,4 @@ class Outbox(Ring):
     @property
     def oldest(self) -> int | None:
         """The generation of the oldest message that is kept; None if there is none."""
-        return next((generation for _, generation, _ in self), None)
+        return next((generation for generation, _ in self), None)

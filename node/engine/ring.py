@@ -15,7 +15,6 @@ from lowlevel.compiled import subroutine
 from node.engine.layout import RowLayout
 
 _ENTRY = RowLayout()
-_KEY = _ENTRY.column("key")
 _NUMBER = _ENTRY.column("number")
 _START = _ENTRY.column("start")  # in the room
 _SIZE = _ENTRY.column("size")  # bytes
@@ -50,22 +49,27 @@ def begin(room: Any, entries: Any, marks: Any, most: Any) -> Any:
 
 
 @subroutine
-def end(entries: Any, marks: Any, start: Any, size: Any, key: Any, number: Any) -> Any:
-    """Enter a string that has been written, under a key and a number."""
+def end(entries: Any, marks: Any, start: Any, size: Any, number: Any) -> Any:
+    """Enter a string that has been written, under a number."""
     entry = entries[marks[_COUNT] % len(entries)]
-    entry[_KEY], entry[_NUMBER], entry[_START], entry[_SIZE] = key, number, start, size
+    entry[_NUMBER], entry[_START], entry[_SIZE] = number, start, size
     marks[_COUNT] += 1
     marks[_NEXT] = start + size
 
 
 @subroutine
-def has(entries: Any, marks: Any, key: Any, number: Any) -> Any:
-    """Return whether there is a string of this key and number."""
+def leave_gap(marks: Any, place: Any) -> Any:
+    """Let the next string begin at ``place``, behind the one that was entered last."""
+    marks[_NEXT] = place
+
+
+@subroutine
+def has(entries: Any, marks: Any, number: Any) -> Any:
+    """Return whether there is a string of this number."""
+    found = False
     for count in range(marks[_FIRST], marks[_COUNT]):
-        entry = entries[count % len(entries)]
-        if entry[_KEY] == key and entry[_NUMBER] == number:
-            return True
-    return False
+        found = found or entries[count % len(entries)][_NUMBER] == number
+    return found
 
 
 @subroutine
@@ -100,7 +104,7 @@ class Ring:
 
     Attributes:
         room: the strings, shape (bytes,).
-        entries: for each string its key, its number, its place and its size, shape (most entries, ENTRY).
+        entries: for each string its number, its place and its size, shape (most entries, ENTRY).
         marks: what comes next, shape (MARKS,).
     """
 
@@ -110,7 +114,7 @@ class Ring:
 
     def latest(self) -> bytes:
         """Return the string that was entered last."""
-        _, _, start, size = self.entries[(self.marks.item(_COUNT) - 1) % len(self.entries)].tolist()
+        _, start, size = self.entries[(self.marks.item(_COUNT) - 1) % len(self.entries)].tolist()
         return self._bytes[start : start + size].tobytes()
 
     @property
@@ -118,8 +122,8 @@ class Ring:
         """The size of the string that was entered last, in bytes; 0 if there is none."""
         return self.entries.item((self.marks.item(_COUNT) - 1) % len(self.entries), _SIZE)
 
-    def __iter__(self) -> Iterator[tuple[int, int, bytes]]:
-        """Yield key, number and string of each entry, the oldest first."""
+    def __iter__(self) -> Iterator[tuple[int, bytes]]:
+        """Yield number and string of each entry, the oldest first."""
         for count in range(self.marks.item(_FIRST), self.marks.item(_COUNT)):
-            key, number, start, size = self.entries[count % len(self.entries)].tolist()
-            yield key, number, self._bytes[start : start + size].tobytes()
+            number, start, size = self.entries[count % len(self.entries)].tolist()
+            yield number, self._bytes[start : start + size].tobytes()

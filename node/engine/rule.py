@@ -180,7 +180,7 @@ def publish_message(table: Any, settings: Any, now: Any) -> Any:
     room, entries, marks = octets(table, at.OUT)[0], integers(table, at.OUT_ENTRIES), integers(table, at.OUT_MARKS)[0]
     start = ring.begin(room, entries, marks, settings[at.MOST_BYTES])
     size = write_message(header[OWN], genomes[OWN], fitness[OWN], settings[at.CHAMPION] != 0, room[start:])
-    ring.end(entries, marks, start, size, settings[at.CELL], now)
+    ring.end(entries, marks, start, size, now)
     integers(table, at.OUTCOME_ROW)[0, at.HAS_STATE] = with_state
     return add_state(table, room[start : start + size]) if with_state else size
 

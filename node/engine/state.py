@@ -19,7 +19,7 @@ from lowlevel.compiled import subroutine
 from lowlevel.pointers import integers, octets, reals
 from node.engine import cell_table as at
 from node.engine.kernels import OWN
-from node.engine.state_size import MOST_IMPROVEMENTS
+from node.engine.state_size import BIRTHPLACE_BITS, MOST_IMPROVEMENTS, births_of
 
 
 @subroutine
@@ -42,8 +42,8 @@ def write_state(table: Any, out: Any) -> Any:
     place = _put(out, place, reals(table, at.NOTED_FITNESS)[0])
     place = _put(out, place, fitness)
     place = _put(out, place, reals(table, at.DEME_FITNESS)[0])
-    for birth in range(first, count):
-        place = _put(out, place, integers(table, at.BIRTHS)[birth])
+    births = integers(table, at.BIRTHS)[first:count]
+    place = _put(out, place, (births[:, 0] << BIRTHPLACE_BITS) | births[:, 1])
     place = _put(out, place, reals(table, at.BIRTH_FITNESS)[0, first:count])
     for genome in octets(table, at.GENOMES)[: fitness.size]:
         place = _put(out, place, genome)
@@ -59,6 +59,7 @@ def read_state(state: bytes, arrays: Mapping[str, NDArray[Any]]) -> None:
         ValueError: if it has another size than a state of this cell.
     """
     count = min(state[0], MOST_IMPROVEMENTS) if state else 0
+    births = np.empty(count, np.int64)
     parts = (
         arrays["header"][OWN],
         arrays["better_at"],
@@ -66,7 +67,7 @@ def read_state(state: bytes, arrays: Mapping[str, NDArray[Any]]) -> None:
         arrays["noted_fitness"],
         arrays["fitness"][OWN],
         arrays["deme_fitness"],
-        arrays["births"][:count],
+        births,
         arrays["birth_fitness"][:count],
         arrays["genomes"][OWN],
         arrays["deme"],
@@ -79,3 +80,4 @@ def read_state(state: bytes, arrays: Mapping[str, NDArray[Any]]) -> None:
     for part in parts:
         part.reshape(-1).view(np.uint8)[:] = np.frombuffer(state, np.uint8, part.nbytes, place)
         place += part.nbytes
+    arrays["births"][:count] = births_of(births)

@@ -1,5 +1,9 @@
 """How long a cell's state is (`node.engine.state`), and how often it is sent. Importing this loads no compiled code."""
 
+import numpy as np
+from numpy.typing import NDArray
+
+from topologies.parse import MOST_CELLS
 from wire.exchange_layout import HEADER
 
 MOST_BYTES = 64 << 10
@@ -12,10 +16,13 @@ Dead cells that are linked with each other go on from the same generation. The l
 have one in common, although some cells were ahead.
 """
 
-MOST_IMPROVEMENTS = 64
+MOST_IMPROVEMENTS = 24
 """The most improvements in a state: earlier ones are missing in the report of a process that goes on from it."""
 
-_IMPROVEMENT_BYTES = 24
+BIRTHPLACE_BITS = (MOST_CELLS - 1).bit_length()
+"""An improvement is two numbers: its fitness, and the generation of its birth with the cell in these lowest bits."""
+
+_IMPROVEMENT_BYTES = 16
 _SHA256 = 17  # numbers of a digest, `node.engine.sha256.STATE`
 
 
@@ -34,3 +41,8 @@ def bytes_without_genomes(deme: int, emigrants: int, improvements: int) -> int:
 def most_state_bytes(without_improvements: int) -> int:
     """Return the bytes of the longest state, given those of one without any improvement."""
     return without_improvements + _IMPROVEMENT_BYTES * MOST_IMPROVEMENTS if without_improvements else 0
+
+
+def births_of(numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the generation and the cell of improvements, shape (improvements, 2), given their numbers in a state."""
+    return np.stack([numbers >> BIRTHPLACE_BITS, numbers & (1 << BIRTHPLACE_BITS) - 1], axis=-1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from node.engine.history import digests_of
 from node.engine.sha256 import STATE
-from node.engine.state_size import MOST_IMPROVEMENTS, bytes_without_genomes
+from node.engine.state_size import MOST_IMPROVEMENTS, births_of, bytes_without_genomes
 from wire.exchange_layout import EVALUATIONS, GENERATION, HEADER, JOB, SENT
 from wire.report import Birth, Report, Staleness
 
@@ -32,8 +32,8 @@ def report_of(state: bytes, cell: int, deme: int, emigrants: int) -> Report:
         raise ValueError(f"a cell's state of {deme} individuals does not have {len(state)} bytes")
     numbers = np.frombuffer(state, np.int64, HEADER + 1 + STATE, 1)
     births_at = bytes_without_genomes(deme, emigrants, 0)
-    births = np.frombuffer(state, np.int64, 2 * count, births_at).reshape(count, 2)
-    fitness = np.frombuffer(state, np.float64, count, births_at + births.nbytes)
+    births = births_of(np.frombuffer(state, np.int64, count, births_at))
+    fitness = np.frombuffer(state, np.float64, count, births_at + 8 * count)
     (digest,) = digests_of(numbers[None, HEADER + 1 :].copy())
     return Report(
         cell=cell,

@@ -58,8 +58,8 @@ def test_one_that_was_cut_is_refused(size):
 
 
 def test_another_version_is_named():
-    with pytest.raises(BadInput, match="version 2, found version 3"):
-        Checkpoint.decode(BYTES.replace(b"checkpoint 2\n", b"checkpoint 3\n"), AnyModules())
+    with pytest.raises(BadInput, match="version 3, found version 4"):
+        Checkpoint.decode(BYTES.replace(b"checkpoint 3\n", b"checkpoint 4\n"), AnyModules())
 
 
 def test_other_versions_of_the_software_are_named():

@@ -281,7 +281,7 @@ def test_an_empty_message_is_refused_and_the_one_behind_it_read():
     assert (inbox.kept, inbox.refused) == (1, 2)
 
 
-@given(st.lists(st.tuples(st.integers(0, 3), st.integers(1, 64)), max_size=80))
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 24)), max_size=80))
 @hypothesis.settings(max_examples=50)
 def test_it_keeps_the_latest_three_states_of_each_neighbour_however_often_others_send_theirs(sent):
     plan = plan_in(topology="torus 4x4", mode="async", deme=2)
@@ -289,7 +289,7 @@ def test_it_keeps_the_latest_three_states_of_each_neighbour_however_often_others
     rng, expected = random.Random(1), {other: [] for other in inbox.neighbours}
     for number, (place, improvements) in enumerate(sent, 1):
         neighbour = inbox.neighbours[place]
-        state = rng.randbytes(plan.limits.most_state_bytes - 24 * (64 - improvements))
+        state = rng.randbytes(plan.limits.most_state_bytes - 16 * (24 - improvements))
         message = a_message(rng, number, number).encode()
         inbox.hear([(neighbour, with_state(message, state))])
         expected[neighbour].append((neighbour, number, state))
@@ -305,7 +305,7 @@ def test_in_lockstep_states_that_all_tell_are_not_displaced_by_others(steps, int
     rng, neighbour, expected, generation = random.Random(1), inbox.neighbours[0], [], 0
     for step in steps:
         generation += step * interval
-        state = rng.randbytes(plan.limits.most_state_bytes - 24 * rng.randrange(64))
+        state = rng.randbytes(plan.limits.most_state_bytes - 16 * rng.randrange(25))
         inbox.hear([(neighbour, with_state(a_message(rng, generation, generation).encode(), state))])
         if expected and expected[-1][1] % (4 * interval):
             expected.pop()

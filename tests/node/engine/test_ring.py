@@ -10,11 +10,11 @@ from node.engine import ring
 ROOM, ENTRIES = 100, 7
 
 
-@kernel("int64(uint8[::1], int64[:, ::1], int64[::1], uint8[::1], int64, int64, int64)")
-def put(room, entries, marks, string, most, key, number):
+@kernel("int64(uint8[::1], int64[:, ::1], int64[::1], uint8[::1], int64, int64)")
+def put(room, entries, marks, string, most, number):
     start = ring.begin(room, entries, marks, most)
     room[start : start + string.size] = string
-    ring.end(entries, marks, start, string.size, key, number)
+    ring.end(entries, marks, start, string.size, number)
     return ring.latest(room, entries, marks).size
 
 
@@ -25,10 +25,10 @@ def test_it_holds_the_latest_strings_as_many_as_fit(strings):
     assert kept.latest_size == 0
     for number, (string, spare) in enumerate(strings):
         most = len(string) + spare  # what was asked for may be more than what was needed
-        size = put(kept.room, kept.entries, kept.marks, np.frombuffer(bytearray(string), np.uint8), most, 3, number)
+        size = put(kept.room, kept.entries, kept.marks, np.frombuffer(bytearray(string), np.uint8), most, number)
         assert size == kept.latest_size == len(string)
         assert kept.latest() == string
-        expected = [(3, each, strings[each][0]) for each in range(number + 1)]
+        expected = [(each, strings[each][0]) for each in range(number + 1)]
         found = list(kept)
         assert found == expected[len(expected) - len(found) :]
         # Only what must make room goes: at worst one gap at the end of the room is left unused.
