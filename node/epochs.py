@@ -1,5 +1,6 @@
 """The epochs of a node: the one before, the present one, and the one that comes; and the links of each."""
 
+import contextlib
 import json
 import threading
 from dataclasses import replace
@@ -18,7 +19,7 @@ from node.plan import Plan
 from node.queries import drop, reply
 from node.suspects import Suspects
 from node.telemetry import Telemetry
-from problems import BadInput
+from problems import BadInput, registry
 from topologies import Topology
 from wire.control import Begin, Command, Done, Drop, Halt, Prepare, Refused, TellStates, Wiring
 
@@ -45,7 +46,7 @@ class Epochs:
         self._control = control
         self._driver = driver
         self._telemetry = telemetry
-        self._suspects = Suspects(config.folder, config.node, config.crash, config.limits)
+        self._suspects = Suspects(config.folder, config.node, config.crash, config.limits, self._tell_of_suspects)
         # The latest command that makes links prepared for an earlier one useless; the network thread writes it while
         # the main thread may be waiting for neighbours in `Links`.
         self._order: Prepare | Halt | Drop | TellStates | None = None
@@ -138,15 +139,18 @@ class Epochs:
         self._driver.coming = None
         try:
             file = self._config.modules.read(command.file)
-            watch = self._suspects.of(command.job, file.sha256)
-            plan = Plan.of(file, command.epoch, command.since or 0, checked=True, protection=watch)
+            watch = self._suspects.of(command.job, file.sha256, file.to_json())
+            making = watch.making if registry.is_users_own(file.kind) else contextlib.nullcontext
+            with making():
+                plan = Plan.of(file, command.epoch, command.since or 0, checked=True, protection=watch)
             # The deme must fit the new epoch's genomes. Of a user's own problem the coordinator cannot check that,
             # since it does not import the user's module.
             if goes_on and self._driver.assignment is not None and not command.fresh:
                 file.keep_coding(self._driver.assignment.cell.plan.coding, plan.coding)
             links = self._linked(plan.topology, command.wiring, command)
             waits = goes_on or command.deme or command.takeover is not None
-            cell = None if waits else Cell(plan, links.cell, command.job)
+            with making():
+                cell = None if waits else Cell(plan, links.cell, command.job)
         except BadInput as error:
             return Refused(str(error), "input")
         except Exception as error:
@@ -161,8 +165,16 @@ class Epochs:
 
     def _enter(self, assignment: Assignment) -> None:
         self._driver.enter(assignment)
-        for line in self._suspects.news():
-            self._telemetry.log("warning", line, assignment.cell)
+        self._log_suspects()
+
+    def _tell_of_suspects(self) -> None:
+        """Have the main thread log who is deadly, if it can be said of which cell."""
+        self._driver.queue.put(self._log_suspects)
+
+    def _log_suspects(self) -> None:
+        if self._driver.assignment is not None:
+            for line in self._suspects.news():
+                self._telemetry.log("warning", line, self._driver.assignment.cell)
 
     def _has_lived_before(self, command: Prepare) -> bool:
         """Return whether this node is in an earlier epoch of that job.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from node.core_token import CoreTokens
-from node.suspects import EvaluationLimits
+from node.evaluation_limits import EvaluationLimits
 from problems.modules import Modules
 from wire import sessions
 from wire.keys import Keys

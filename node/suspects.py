@@ -1,30 +1,34 @@
 """Individuals that kill the process that evaluates them, such as by a segmentation fault in a user's own code.
 
 A node notes in a small file which individuals it evaluates; the file outlives the process. If the process crashes, the
-next one suspects them all, and evaluates each of them alone. An individual that has killed two processes counts as
-infeasible and is not evaluated again. (A process that is killed from outside by SIGKILL has not crashed.)
+next one suspects them all. From then on the node evaluates in a process apart (`node.evaluation_process`), so the job's
+code crashes a node only once. It evaluates each suspect alone, to find the deadly one; if others kill that process
+together, it suspects them, too. An individual that has killed two processes counts as infeasible and is not evaluated
+again. (A node that is killed from outside by SIGKILL has not crashed.)
 
 Problems with a compiled fitness are not watched: only a user's own code that is called from Python is suspected.
 """
 
+import contextlib
 import json
 import mmap
-import os
-import resource
-import signal
 import struct
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from genetics.arrays import Evaluate, Fitness, Genomes
+from node.evaluation_limits import EvaluationLimits
+from node.evaluation_process import EvaluationProcess, WorkerDiedError
 from problems import EvaluationFailed, Problem
 from problems.guard import guarded
 
 _DEADLY = 2  # deaths after which an individual counts as infeasible
+_MOST_INFEASIBLE = 1000  # of one node's; a report has to name them, and each has taken the time of three evaluations
+_MOST_BATCHES = 3  # of the same individuals, if they kill a process together and none of them does so alone
 _HEAD = struct.Struct("<3q64s")  # the job, how many genomes follow (0: none is evaluated), their bytes, the problem
+_OTHER_CODE = -1  # in place of that number: other code of the job runs
 _WHY = {"SIGALRM": "it took longer than --eval-timeout", "SIGABRT": "it took more than --node-memory, or aborted"}
 
 Suspect = tuple[str, bytes]
@@ -36,45 +40,14 @@ def files_of(folder: Path, node: int) -> tuple[Path, Path]:
     return folder / f"node-{node}.evaluated", folder / f"node-{node}.suspects"
 
 
-def evaluates(folder: Path, node: int) -> bool:
-    """Return whether the node's process evaluates individuals, or did so when it died."""
+def runs_code(folder: Path, node: int) -> bool:
+    """Return whether the node's process runs a user's own code, or did so when it died."""
     try:
         with files_of(folder, node)[0].open("rb") as file:
             _, count, _, _ = _HEAD.unpack(file.read(_HEAD.size))
     except (OSError, struct.error):
         return False
     return bool(count)
-
-
-@dataclass(frozen=True)
-class EvaluationLimits:
-    """What an evaluation in a user's own code may take, or its process is ended.
-
-    Attributes:
-        seconds: of real time for one individual, times as many as are evaluated together; None for any time.
-        memory: the bytes that a process may take beside what it has before its first job; None for any.
-    """
-
-    seconds: float | None = None
-    memory: int | None = None
-
-    def apply(self) -> None:
-        """Limit this process from now on. Call it on the main thread, once the process has its sessions."""
-        if self.seconds is not None:
-            signal.signal(signal.SIGALRM, signal.SIG_DFL)  # the process may have inherited that it is ignored
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGALRM})
-        if self.memory is not None:
-            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a process that exceeds the limit aborts
-            _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-            most = _data_bytes() + self.memory
-            most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-            resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-
-
-def _data_bytes() -> int:
-    """Return the bytes that count for RLIMIT_DATA now."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return int(next(each for each in lines if each.startswith("VmData:")).split()[1]) << 10
 
 
 class Avoiding:
@@ -120,35 +93,46 @@ class Suspects:
         node: the node's number.
         crash: the signal by which the process before this one crashed; "" if it did not.
         limits: what an evaluation may take.
+        tell: called when there are `news`, on the thread that evaluates.
 
     Attributes:
         deaths: how many processes each suspected genome has killed, by problem and genome.
         infeasible: those that count as infeasible.
+        has_crashed: whether the job has crashed a process of this node.
     """
 
-    def __init__(self, folder: Path, node: int, crash: str, limits: EvaluationLimits) -> None:
+    def __init__(
+        self, folder: Path, node: int, crash: str, limits: EvaluationLimits, tell: Callable[[], None] = lambda: None
+    ) -> None:
         self._marks, self._notes = files_of(folder, node)
         self.limits = limits
+        self._tell = tell
         self._room: mmap.mmap | None = None
         self._news: list[str] = []
         self._job, self.deaths, self.infeasible = self._read_notes()
+        self.has_crashed = self._notes.exists()
         if crash:
             self._suspect_the_evaluated(crash)
         self._marks.unlink(missing_ok=True)
 
-    def of(self, job: int, problem: str) -> "Watch":
+    def of(self, job: int, problem: str, file: str) -> "Watch":
         """Return what watches the evaluations of a problem; if the job is another one than before, nobody is suspected.
 
         Args:
             job: the job's number.
             problem: the digest of the problem, 64 characters.
+            file: the problem file, as `ProblemFile.to_json` returns it.
         """
+        self._turn_to(job)
+        return Watch(self, problem, EvaluationProcess(file, self.limits))
+
+    def _turn_to(self, job: int) -> None:
         if job != self._job:
             self._job = job
+            self.has_crashed = False
             self.deaths.clear()
             self.infeasible.clear()
             self._news.clear()
-        return Watch(self, problem)
 
     def news(self) -> list[str]:
         """Return lines for the log about individuals that count as infeasible now, each once."""
@@ -158,15 +142,29 @@ class Suspects:
     def mark(self, problem: str, genomes: Genomes) -> None:
         """Note that these genomes are evaluated."""
         size = _HEAD.size + genomes.nbytes
+        room = self._room_of(size)
+        room[_HEAD.size : size] = genomes.tobytes()
+        _HEAD.pack_into(room, 0, self._job, *genomes.shape, problem.encode())  # last: with it the mark counts
+
+    @contextlib.contextmanager
+    def other_code(self, problem: str) -> Iterator[None]:
+        """Note meanwhile that code of the problem runs which evaluates nothing, such as its constructor."""
+        _HEAD.pack_into(self._room_of(_HEAD.size), 0, self._job, _OTHER_CODE, 0, problem.encode())
+        try:
+            yield
+        finally:
+            self.unmark()
+
+    def _room_of(self, size: int) -> mmap.mmap:
+        """Return the room for marks, so many bytes at least."""
         if self._room is None or len(self._room) < size:
             with self._marks.open("wb+") as file:
                 file.truncate(size)
                 self._room = mmap.mmap(file.fileno(), size)
-        self._room[_HEAD.size : size] = genomes.tobytes()
-        _HEAD.pack_into(self._room, 0, self._job, *genomes.shape, problem.encode())  # last: with it the mark counts
+        return self._room
 
     def unmark(self) -> None:
-        """Note that no genome is evaluated."""
+        """Note that no code of the job runs."""
         if self._room is not None:
             _HEAD.pack_into(self._room, 0, self._job, 0, 0, b"")
 
@@ -182,9 +180,16 @@ class Suspects:
         except FileNotFoundError:
             return
         job, count, size, problem = _HEAD.unpack_from(marked)
-        self.of(job, problem.decode())
+        if count == _OTHER_CODE:
+            return
+        self._turn_to(job)
+        self.has_crashed = True
         places = range(_HEAD.size, _HEAD.size + count * size, max(1, size))
-        for suspect in {(problem.decode(), marked[start : start + size]) for start in places}:
+        self.suspect({(problem.decode(), marked[start : start + size]) for start in places}, crash)
+
+    def suspect(self, suspects: Iterable[Suspect], crash: str) -> None:
+        """Note that a process has died while it evaluated these, each given once, and how."""
+        for suspect in suspects:
             self.deaths[suspect] = self.deaths.get(suspect, 0) + 1
             if self.deaths[suspect] >= _DEADLY:
                 del self.deaths[suspect]
@@ -192,6 +197,8 @@ class Suspects:
                 why = _WHY.get(crash, "its evaluation crashed")
                 self._news.append(f"genome {suspect[1].hex()} counts as infeasible: {why} ({crash}, {_DEADLY} times)")
         self._write_notes()
+        if self._news:
+            self._tell()
 
     def _read_notes(self) -> tuple[int, dict[Suspect, int], set[Suspect]]:
         """Return the job, the deaths, and what counts as infeasible."""
@@ -217,11 +224,17 @@ class Watch:
     Args:
         suspects: what the node knows.
         problem: the digest of the problem.
+        apart: evaluates the problem's individuals in another process.
     """
 
-    def __init__(self, suspects: Suspects, problem: str) -> None:
+    def __init__(self, suspects: Suspects, problem: str, apart: EvaluationProcess) -> None:
         self._suspects = suspects
         self._problem = problem
+        self._apart = apart
+
+    def making(self) -> contextlib.AbstractContextManager[None]:
+        """Return a context in which the problem is made, and its cell: that runs a user's own code, too."""
+        return self._suspects.other_code(self._problem)
 
     @property
     def infeasible(self) -> tuple[Suspect, ...]:
@@ -238,33 +251,43 @@ class Watch:
         if problem.fitness_kernel is not None:
             return evaluate
 
-        def watched(genomes: Genomes) -> Fitness:
-            return self._watch(evaluate, genomes)
-
-        def careful(genomes: Genomes) -> Fitness:
-            for genome in genomes:  # each suspect alone, to find the deadly one; its fitness is not used
-                suspect = self._problem, genome.tobytes()
-                if suspect in suspects.deaths:
-                    watched(genome[None].copy())
-                    suspects.acquit(suspect)
-            return evaluate_others(watched, genomes, self.counts_as_infeasible)
-
-        return lambda genomes: careful(genomes) if suspects.deaths or suspects.infeasible else watched(genomes)
+        return lambda genomes: self._carefully(genomes) if suspects.has_crashed else self._watch(evaluate, genomes)
 
     def _watch(self, evaluate: Evaluate, genomes: Genomes) -> Fitness:
-        """Evaluate genomes, which are noted meanwhile."""
-        limits = self._suspects.limits
+        """Evaluate genomes in this process; they are noted meanwhile."""
         self._suspects.mark(self._problem, genomes)
-        if limits.seconds is not None:
-            # The kernel ends the process, whatever loops: compiled code would hold up a handler in Python.
-            signal.setitimer(signal.ITIMER_REAL, limits.seconds * len(genomes))
         try:
-            return evaluate(genomes)
-        except EvaluationFailed as error:
-            if limits.memory is not None and isinstance(error.__cause__, MemoryError):
-                os.abort()
-            raise
+            return self._suspects.limits.evaluate(evaluate, genomes)
         finally:
-            if limits.seconds is not None:
-                signal.setitimer(signal.ITIMER_REAL, 0.0)
             self._suspects.unmark()
+
+    def _carefully(self, genomes: Genomes) -> Fitness:
+        """Evaluate genomes in a process apart, which they may kill.
+
+        Raises:
+            EvaluationFailed: if the problem's method fails, or if it cannot be found out which individuals are deadly.
+        """
+        self._try_suspects(genomes)
+        for _ in range(_MOST_BATCHES):
+            try:
+                return evaluate_others(self._apart.evaluate, genomes, self.counts_as_infeasible)
+            except WorkerDiedError as death:
+                crash = str(death)
+            together = {genome.tobytes() for genome in genomes if not self.counts_as_infeasible(genome.tobytes())}
+            self._suspects.suspect(((self._problem, genome) for genome in sorted(together)), crash)
+            self._try_suspects(genomes)
+            if len(self._suspects.infeasible) > _MOST_INFEASIBLE:
+                raise EvaluationFailed(f"more than {_MOST_INFEASIBLE} individuals end their process, as by {crash}")
+        raise EvaluationFailed(f"{len(genomes)} individuals end their process together, by {crash}, but none alone")
+
+    def _try_suspects(self, genomes: Genomes) -> None:
+        """Evaluate each suspect among the genomes alone, to find the deadly one; its fitness is not used."""
+        for genome in genomes:
+            suspect = self._problem, genome.tobytes()
+            if suspect in self._suspects.deaths:
+                try:
+                    self._apart.evaluate(genome[None].copy())
+                except WorkerDiedError as death:
+                    self._suspects.suspect([suspect], str(death))
+                else:
+                    self._suspects.acquit(suspect)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import topologies
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.checkpoint import Checkpoint
 from problems import ProblemFile
@@ -20,7 +21,7 @@ from topologies import Topology
 from wire.news import Improvement, Statistics
 
 _LOOK_AGAIN = 0.2  # seconds
-_MOST_CRASHES = 20  # of processes of one job: a deadly individual takes two on each node that meets it
+_MOST_CRASHES = 20  # of processes of one job, beside one on each cell: afterwards nodes evaluate in a process apart
 _MOST_RECORDS = 1 << 16  # improvements kept of one job, which may be kept alive for days
 
 
@@ -285,6 +286,7 @@ class JobEntry(Job):
     def __init__(self, spec: JobSpec, keeps_events: bool = True, cancel: Callable[[int], None] | None = None) -> None:
         super().__init__(spec)
         self._crashes = 0  # of its nodes' processes
+        self._most_crashes = _MOST_CRASHES + topologies.parse(spec.file.run.topology).cells
         self.log = RunLog(spec.log, spec.least_improvement)
         self._keeps_events = keeps_events
         self._cancel = cancel
@@ -302,7 +304,7 @@ class JobEntry(Job):
         A job whose problem makes processes ``crash`` (the signal, or "") fails, or it would harm the cluster's others.
         """
         self._crashes += bool(crash)
-        if self._crashes > _MOST_CRASHES:
+        if self._crashes > self._most_crashes:
             why = f"the problem's code has crashed {self._crashes} processes, the last one by {crash}"
             if crash == "SIGALRM":
                 why += ", since evaluations took longer than --eval-timeout"

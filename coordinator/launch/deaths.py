@@ -15,7 +15,7 @@ class Deaths:
     """Counts deaths.
 
     Args:
-        folder: the folder of the processes, in which nodes note what they evaluate.
+        folder: the folder of the processes, in which nodes note when they run a user's code.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -47,10 +47,10 @@ class Deaths:
 
     def _is_fault_of_a_job(self, name: str, life: float) -> bool:
         """Return whether what crashed was most likely a job's code, which the job's conductor counts."""
-        from node.suspects import evaluates  # here: the zygote imports nothing of the nodes before it is set up
+        from node.suspects import runs_code  # here: the zygote imports nothing of the nodes before it is set up
 
         kind, _, number = name.partition(" ")
-        return kind == "node" and (life >= _LONG_LIFE or evaluates(self._folder, int(number)))
+        return kind == "node" and (life >= _LONG_LIFE or runs_code(self._folder, int(number)))
 
 
 def how(status: int) -> str:

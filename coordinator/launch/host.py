@@ -26,8 +26,8 @@ from coordinator.launch.folders import make_folder, new_folder
 from coordinator.launch.sandbox import HOST_KINDS, Sandbox
 from coordinator.launch.stopped import NODE_TIMEOUT
 from coordinator.launch.zygote import Zygote
+from node.evaluation_limits import EvaluationLimits
 from node.node_config import NodeConfig
-from node.suspects import EvaluationLimits
 from problems.modules import Modules
 from wire import jobs, sessions
 from wire.callbacks import direct

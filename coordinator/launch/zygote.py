@@ -41,8 +41,8 @@ from wire.members import Identity
 if TYPE_CHECKING:
     from coordinator.log_lines import LogLines
     from node.core_token import CoreTokens
+    from node.evaluation_limits import EvaluationLimits
     from node.node_config import NodeConfig
-    from node.suspects import EvaluationLimits
     from problems.modules import Modules
 
 _DOWN = 100  # exit status of a coordinator that a client told to end the cluster
@@ -60,7 +60,7 @@ def main() -> None:
         lock = make_folder(folder)  # inherited by every process of the cluster: without any the folder is stale
     except OSError as error:
         return _tell({"failed": f"the zygote cannot make {folder}: {error.strerror}"})
-    from node.suspects import EvaluationLimits
+    from node.evaluation_limits import EvaluationLimits
 
     service = config["service"]
     zygote = Zygote(

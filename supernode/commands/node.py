@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
         end_with_stdin()
     from coordinator.launch.host import HostZygote
     from coordinator.launch.sandbox import node_memory
-    from node.suspects import EvaluationLimits
+    from node.evaluation_limits import EvaluationLimits
     from wire.hosts import Host
 
     name = options.host or around.name or f"{socket.gethostname()}-{os.getpid()}"

@@ -20,7 +20,7 @@ TRYING = """
 import sys
 from pathlib import Path
 from coordinator.launch.zygote import Zygote
-from node.suspects import EvaluationLimits
+from node.evaluation_limits import EvaluationLimits
 from problems.modules import Modules
 
 service, limits = {"listen": [sys.argv[2]], "log_json": True, "keys": None}, EvaluationLimits()

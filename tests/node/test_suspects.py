@@ -6,12 +6,15 @@ import os
 import signal
 import time
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from node.suspects import Avoiding, EvaluationLimits, Suspects
-from problems import Problem
+from node.evaluation_limits import EvaluationLimits
+from node.suspects import Avoiding, Suspects
+from problems import EvaluationFailed, Problem
+from problems.file import parse
 from supernode import BitString
 
 DEADLY = 7
@@ -35,6 +38,55 @@ class Deadly(Problem):
         return genomes[:, 0].astype(float)
 
 
+class MostlyDeadly(Deadly):
+    """All odd genomes are deadly."""
+
+    def evaluate(self, genomes):
+        if (genomes % 2).any():
+            crash()
+        return genomes[:, 0].astype(float)
+
+
+class DeadlyTogether(Deadly):
+    """Each is harmless alone."""
+
+    def evaluate(self, genomes):
+        if len(genomes) > 1:
+            crash()
+        return genomes[:, 0].astype(float)
+
+
+class Leaving(Deadly):
+    """The deadly genome ends its process with the status ``harm``."""
+
+    def evaluate(self, genomes):
+        if (genomes == DEADLY).any():
+            os._exit(int(self.harm))
+        return genomes[:, 0].astype(float)
+
+
+class Failing(Deadly):
+    """It fails."""
+
+    def evaluate(self, genomes):
+        raise ValueError("no")
+
+
+class Changing(Deadly):
+    """It changes what it evaluates."""
+
+    def evaluate(self, genomes):
+        genomes += 1
+        return genomes[:, 0] - 1.0
+
+
+class Counting(Deadly):
+    """The fitness is the number of individuals that are evaluated together."""
+
+    def evaluate(self, genomes):
+        return np.full(len(genomes), float(len(genomes)))
+
+
 def crash():
     ctypes.string_at(0)
 
@@ -48,12 +100,22 @@ def eat():
     np.ones(1 << 30)  # 8 GiB
 
 
-HARMS = {"crash": crash, "loop": loop, "eat": eat, "sleep": time.tzset}
+HARMS = {"crash": crash, "loop": loop, "eat": eat, "": os.getpid}
 LIMITS = EvaluationLimits(seconds=0.2, memory=1 << 28)
 
 
-def live(folder, problem, crash="", job=1, genomes=GENOMES):
-    """Evaluate in another process.
+def file_of(problem):
+    text = f'kind = "test_suspects:{type(problem).__name__}"\nharm = "{problem.harm}"\n'
+    return parse(text, "deadly", Path(__file__).parent).to_json()
+
+
+def watch(folder, problem, crash="", digest=PROBLEM):
+    """What watches a node's evaluations of a problem; the process before it ended by ``crash``."""
+    return Suspects(folder, 3, crash, LIMITS).of(1, digest, file_of(problem))
+
+
+def live(folder, problem, crash="", genomes=GENOMES):
+    """Evaluate in another process, as a node does.
 
     Returns:
         The signal that it dies by, or "" and the fitness.
@@ -61,11 +123,12 @@ def live(folder, problem, crash="", job=1, genomes=GENOMES):
     reading, writing = os.pipe()
     process = os.fork()
     if process == 0:
-        faulthandler.disable()  # the crash is wanted
-        LIMITS.apply()
-        evaluate = Suspects(folder, 3, crash, LIMITS).of(job, PROBLEM).guard(problem)
-        os.write(writing, evaluate(genomes.copy()).tobytes())
-        os._exit(0)
+        try:
+            faulthandler.disable()  # the crash is wanted
+            LIMITS.apply()
+            os.write(writing, watch(folder, problem, crash).guard(problem)(genomes.copy()).tobytes())
+        finally:
+            os._exit(0)
     os.close(writing)
     with os.fdopen(reading, "rb") as pipe:
         fitness = np.frombuffer(pipe.read())
@@ -73,50 +136,105 @@ def live(folder, problem, crash="", job=1, genomes=GENOMES):
     return (signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else ""), fitness.tolist()
 
 
+def children_of(process):
+    return [int(each) for each in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+
+
 @pytest.mark.parametrize(("harm", "by"), [("crash", "SIGSEGV"), ("loop", "SIGALRM"), ("eat", "SIGABRT")])
-def test_what_has_killed_two_processes_is_infeasible(tmp_path, harm, by):
-    problem = Deadly(harm=harm)
+def test_what_has_killed_two_processes_is_infeasible_and_the_node_dies_once(tmp_path, harm, by):
+    problem, told = Deadly(harm=harm), []
     assert live(tmp_path, problem) == (by, [])
-    assert live(tmp_path, problem, by) == (by, []), "now the three are evaluated one by one"
-    found = Suspects(tmp_path, 3, by, LIMITS)
-    assert found.infeasible == {(PROBLEM, b"\x07")}
-    (line,) = found.news()
+    suspects = Suspects(tmp_path, 3, by, LIMITS, lambda: told.extend(suspects.news()))
+    evaluate = suspects.of(1, PROBLEM, file_of(problem)).guard(problem)
+    assert evaluate(GENOMES.copy()).tolist() == [1.0, np.inf, 3.0]
+    assert suspects.infeasible == {(PROBLEM, b"\x07")}
+    (line,) = told
     assert line.startswith("genome 07 counts as infeasible: it")
     assert by in line
-    assert found.news() == []
-    assert live(tmp_path, problem) == ("", [1.0, np.inf, 3.0])
+    assert evaluate(GENOMES.copy()).tolist() == [1.0, np.inf, 3.0]
+    assert live(tmp_path, problem) == ("", [1.0, np.inf, 3.0]), "another process of the node knows it, too"
+    assert len(told) == 1
+
+
+def test_the_job_goes_on_however_many_are_deadly(tmp_path):
+    problem = MostlyDeadly(harm="crash")
+    assert live(tmp_path, problem) == ("SIGSEGV", [])
+    its = watch(tmp_path, problem, "SIGSEGV")
+    batches = np.arange(12, dtype=np.uint8).reshape(6, 2, 1)
+    evaluate = its.guard(problem)
+    assert [evaluate(batch.copy()).tolist() for batch in batches] == [[each, np.inf] for each in range(0, 12, 2)]
+    assert [genome for _, genome in its.infeasible] == [bytes([each]) for each in range(1, 12, 2)]
+
+
+def test_those_who_only_die_together_fail_the_job(tmp_path):
+    problem = DeadlyTogether(harm="crash")
+    assert live(tmp_path, problem) == ("SIGSEGV", [])
+    with pytest.raises(EvaluationFailed, match="3 individuals end their process together, by SIGSEGV, but none alone"):
+        watch(tmp_path, problem, "SIGSEGV").guard(problem)(GENOMES.copy())
+
+
+@pytest.mark.parametrize("status", [0, 3])
+def test_code_that_ends_its_process_is_deadly_too(tmp_path, status):
+    live(tmp_path, Deadly(harm="crash"))
+    problem = Leaving(harm=str(status))
+    assert watch(tmp_path, problem, "SIGSEGV").guard(problem)(GENOMES.copy()).tolist() == [1.0, np.inf, 3.0]
+
+
+def test_a_failure_is_no_death(tmp_path):
+    live(tmp_path, Deadly(harm="crash"))
+    problem = Failing(harm="")
+    its = watch(tmp_path, problem, "SIGSEGV")
+    with pytest.raises(EvaluationFailed, match="evaluate raised ValueError: no"):
+        its.guard(problem)(GENOMES.copy())
+    assert its.infeasible == ()
+
+
+def test_what_the_problem_changes_in_the_genomes_comes_back(tmp_path):
+    live(tmp_path, Deadly(harm="crash"))
+    problem, genomes = Changing(harm=""), GENOMES.copy()
+    assert watch(tmp_path, problem, "SIGSEGV").guard(problem)(genomes).tolist() == [1.0, 7.0, 3.0]
+    assert genomes.tolist() == [[2], [8], [4]]
+
+
+def test_its_process_ends_with_it(tmp_path):
+    problem = Deadly(harm="crash")
+    live(tmp_path, problem)
+    evaluate = watch(tmp_path, problem, "SIGSEGV").guard(problem)
+    evaluate(GENOMES.copy())
+    (process,) = children_of(os.getpid())
+    assert len(children_of(process)) == 1
+    del evaluate
+    assert children_of(os.getpid()) == []
 
 
 def test_whoever_survives_alone_is_not_suspected_any_more(tmp_path):
     problem = Deadly(harm="crash")
     live(tmp_path, problem)
-    later = Suspects(tmp_path, 3, "SIGSEGV", LIMITS).of(1, PROBLEM)
     harmless = np.array([[1], [3]], np.uint8)
-    assert later.guard(problem)(harmless).tolist() == [1.0, 3.0]
-    assert later.guard(problem)(harmless).tolist() == [1.0, 3.0]
+    assert watch(tmp_path, problem, "SIGSEGV").guard(problem)(harmless).tolist() == [1.0, 3.0]
     assert Suspects(tmp_path, 3, "", LIMITS).deaths == {(PROBLEM, b"\x07"): 1}
 
 
 def test_a_process_that_was_killed_from_outside_makes_nobody_suspect(tmp_path):
-    problem = Deadly(harm="crash")
-    live(tmp_path, problem)
+    live(tmp_path, Deadly(harm="crash"))
     assert Suspects(tmp_path, 3, "", LIMITS).deaths == {}
 
 
 def test_whoever_is_twice_in_a_batch_has_killed_one_process(tmp_path):
-    problem = Deadly(harm="crash")
-    live(tmp_path, problem, genomes=np.array([[DEADLY], [1], [1]], np.uint8))
+    live(tmp_path, Deadly(harm="crash"), genomes=np.array([[DEADLY], [1], [1]], np.uint8))
     found = Suspects(tmp_path, 3, "SIGSEGV", LIMITS)
     assert found.infeasible == set()
     assert found.deaths == {(PROBLEM, b"\x07"): 1, (PROBLEM, b"\x01"): 1}
 
 
-def test_another_job_begins_without_suspects(tmp_path):
+def test_another_job_begins_without_suspects_in_the_node_itself(tmp_path):
     problem = Deadly(harm="crash")
     live(tmp_path, problem)
-    live(tmp_path, problem, "SIGSEGV")
     found = Suspects(tmp_path, 3, "SIGSEGV", LIMITS)
-    assert found.of(2, PROBLEM).infeasible == ()
+    its = found.of(2, PROBLEM, file_of(problem))
+    assert its.infeasible == ()
+    assert its.guard(problem)(np.array([[1], [3]], np.uint8)).tolist() == [1.0, 3.0]
+    assert children_of(os.getpid()) == []
     assert found.news() == []
 
 
@@ -131,21 +249,14 @@ def test_a_replay_avoids_the_deadly():
 def test_after_an_update_the_same_genome_may_be_harmless(tmp_path):
     problem = Deadly(harm="crash")
     live(tmp_path, problem)
-    live(tmp_path, problem, "SIGSEGV")
-    found = Suspects(tmp_path, 3, "SIGSEGV", LIMITS)
-    assert found.of(1, PROBLEM).counts_as_infeasible(bytes([DEADLY]))
-    assert not found.of(1, "b" * 64).counts_as_infeasible(bytes([DEADLY]))
+    its = watch(tmp_path, problem, "SIGSEGV")
+    its.guard(problem)(GENOMES.copy())
+    assert its.counts_as_infeasible(bytes([DEADLY]))
+    assert not watch(tmp_path, problem, digest="b" * 64).counts_as_infeasible(bytes([DEADLY]))
 
 
 def test_a_fitness_does_not_depend_on_who_is_suspected(tmp_path):
-    sizes = []
-
-    class Noting(Deadly):
-        def evaluate(self, genomes):
-            sizes.append(len(genomes))
-            return super().evaluate(genomes)
-
     live(tmp_path, Deadly(harm="crash"))
-    evaluate = Suspects(tmp_path, 3, "SIGSEGV", LIMITS).of(1, PROBLEM).guard(Noting(harm="sleep"))
-    assert evaluate(GENOMES.copy()).tolist() == [1.0, 7.0, 3.0]
-    assert sizes == [1, 1, 1, 3], "each alone to find the deadly one, and all together for their fitness"
+    problem = Counting(harm="")
+    fitness = watch(tmp_path, problem, "SIGSEGV").guard(problem)(GENOMES.copy())
+    assert fitness.tolist() == [3.0, 3.0, 3.0], "each alone to find the deadly one, and all together for their fitness"

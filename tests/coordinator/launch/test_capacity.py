@@ -7,7 +7,7 @@ import pytest
 from coordinator import LocalCluster
 from coordinator.launch import capacity, cgroups
 from coordinator.launch.host import HostZygote
-from node.suspects import EvaluationLimits
+from node.evaluation_limits import EvaluationLimits
 from problems import BadInput
 from problems.modules import Modules
 from wire.hosts import Host

@@ -17,7 +17,7 @@ PLAYED = """
 import errno, json, os, sys
 from pathlib import Path
 from coordinator.launch.zygote import Zygote
-from node.suspects import EvaluationLimits
+from node.evaluation_limits import EvaluationLimits
 from problems.modules import Modules
 
 end, lifeline = os.pipe()

@@ -23,33 +23,56 @@ class Poison(supernode.Problem):
         if np.any(genomes[:, 0] < 64):
             ctypes.string_at(0)
         return genomes[:, 0].astype(float) + 1.0
+
+
+class Hopeless(Poison):
+    def for_cell(self):
+        ctypes.string_at(0)
 """
 
 
 @pytest.fixture
 def service(tmp_path, monkeypatch):
     (tmp_path / "poison_module.py").write_text(MODULE)
-    (tmp_path / "poison.toml").write_text('kind = "poison_module:Poison"\n[run]\ntarget = 0.0\nstall = 1000000\n')
+    for kind in ("Poison", "Hopeless"):
+        (tmp_path / f"{kind}.toml").write_text(f'kind = "poison_module:{kind}"\n[run]\ntarget = 0.0\nstall = 1000000\n')
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     with live(tmp_path / "state", "torus 2x4", "--allow-module", "poison_module") as service:
         yield service
 
 
-def test_the_job_fails_and_says_why_and_another_goes_on(service, tmp_path):
+def test_a_job_that_crashes_its_nodes_for_ever_fails_and_says_why_and_another_goes_on(service, tmp_path):
     before = service.info().process
     with service.connect() as client:
         good = tmp_path / "good.toml"
         good.write_text('kind = "function"\nname = "onemax"\ndimension = 8\n[run]\ntarget = -1.0\n')
         other = client.submit(good, topology="torus 1x4", seconds=120)
         for _ in range(2):
-            result = client.submit(tmp_path / "poison.toml", topology="torus 1x4").result(60)
+            result = client.submit(tmp_path / "Hopeless.toml", topology="torus 1x4").result(60)
             assert result.status == "failed"
-            assert result.message == "the problem's code has crashed 21 processes, the last one by SIGSEGV"
+            assert result.message == "the problem's code has crashed 25 processes, the last one by SIGSEGV"
         assert other.state() == "running"
         other.cancel()
         assert other.result(60).status == "cancelled"
     assert service.info().process == before
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_a_job_goes_on_though_a_quarter_of_all_individuals_is_deadly(service, tmp_path, mode):
+    path = tmp_path / "Poison.toml"
+    with service.connect() as client:
+        job = client.submit(path, topology="torus 1x4", generations=30, mode=mode)
+        result = job.result(120)
+        told = client.logs(job.id)
+        texts = [row[told["columns"].index("text")] for row in told["rows"]]
+    assert (result.status, result.fitness >= 65.0) == ("exhausted", True)
+    infeasible = next(each["genomes"] for each in result.directives if each["do"] == "infeasible")
+    assert all(int(genome[:2], 16) < 64 for genome in infeasible)
+    assert {text.split()[1] for text in texts if "counts as infeasible" in text} == set(infeasible)
+    if mode == "lockstep":
+        file = supernode.load(path).with_run(topology="torus 1x4", generations=30)
+        assert epochs.history(replay(file, result.directives)) == result.history_sha256
 
 
 FEW = """

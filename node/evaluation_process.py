@@ -1,0 +1,145 @@
+"""A process in which a node evaluates individuals that may kill it: ``python -m node.evaluation_process PARENT``.
+
+A node uses one once the code of its job has crashed the node itself (`node.suspects`). The process reads the problem
+file and makes the problem. Then it forks a worker, which reads genomes from standard input and writes what they came to
+to standard output. When a worker dies, the process writes how, and forks another one. It has a single thread, so it may
+fork, and a user's module is imported once.
+"""
+
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import weakref
+
+import numpy as np
+
+from genetics.arrays import Evaluate, Fitness, Genomes
+from lowlevel import linux
+from node.evaluation_limits import EvaluationLimits
+from problems import EvaluationFailed, ProblemFile, child_process
+from problems.guard import guarded
+
+_REQUEST = struct.Struct("<2q")  # how many genomes follow, and their bytes
+_ANSWER = struct.Struct("<cq")  # what follows, and its bytes
+_EVALUATED = b"e"  # fitness, then the genomes, which the problem may have changed
+_FAILED = b"f"  # the message of an `EvaluationFailed`
+_DIED = b"d"  # the signal's name
+
+
+class WorkerDiedError(Exception):
+    """The process that evaluated individuals has died of it; the text is the signal's name, such as "SIGSEGV"."""
+
+
+class EvaluationProcess:
+    """Evaluates the individuals of one problem in another process, which is started when it is needed.
+
+    The process ends with this object, and with the thread that first evaluates.
+
+    Args:
+        file: the problem file, as `ProblemFile.to_json` returns it.
+        limits: what an evaluation may take.
+    """
+
+    def __init__(self, file: str, limits: EvaluationLimits) -> None:
+        self._setting = json.dumps([file, limits.seconds, limits.memory]).encode()
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def evaluate(self, genomes: Genomes) -> Fitness:
+        """Return the fitness of genomes, which the problem may change.
+
+        Raises:
+            EvaluationFailed: if the problem's method fails.
+            WorkerDiedError: if it ends its process.
+        """
+        try:
+            process = self._start() if self._process is None else self._process
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.write(_REQUEST.pack(*genomes.shape) + genomes.tobytes())
+            process.stdin.flush()
+            kind, size = _ANSWER.unpack(process.stdout.read(_ANSWER.size))
+            answer = process.stdout.read(size)
+        except (OSError, struct.error):  # the whole process has ended
+            self._process = None
+            raise WorkerDiedError("its process ended") from None
+        if kind == _DIED:
+            raise WorkerDiedError(answer.decode())
+        if kind == _FAILED:
+            raise EvaluationFailed(answer.decode())
+        fitness = np.frombuffer(answer, np.float64, len(genomes)).copy()
+        genomes[:] = np.frombuffer(answer, np.uint8, genomes.size, fitness.nbytes).reshape(genomes.shape)
+        return fitness
+
+    def _start(self) -> "subprocess.Popen[bytes]":
+        command = [sys.executable, "-P", "-m", "node.evaluation_process", str(os.getpid())]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        weakref.finalize(self, _end, process)
+        self._process = process
+        assert process.stdin is not None
+        process.stdin.write(struct.pack("<q", len(self._setting)) + self._setting)
+        return process
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    process.kill()  # its worker ends with it
+    process.communicate()
+
+
+# In the process itself ------------------------------------------------------------------------------------------------
+def main() -> None:
+    """Fork workers, one after another, until the node has no more genomes."""
+    answers = child_process.begin(int(sys.argv[1]))
+    (size,) = struct.unpack("<q", _read(8))
+    file, *limits = json.loads(_read(size))
+    problem, limited = ProblemFile.from_json(file).problem(checked=True).for_cell(), EvaluationLimits(*limits)
+    evaluate = guarded(problem)
+    while True:
+        parent = os.getpid()
+        worker = os.fork()
+        if worker == 0:
+            linux.end_with_parent(parent)
+            _serve(evaluate, limited, answers)
+        _, status = os.waitpid(worker, 0)
+        # A worker that SIGKILL ends may have read a part of a request; one that exits had no more to read, or was
+        # told to by the user's code.
+        if not os.WIFSIGNALED(status) or os.WTERMSIG(status) == signal.SIGKILL:
+            os._exit(1)
+        _write(answers, _DIED, signal.Signals(os.WTERMSIG(status)).name.encode())
+
+
+def _serve(evaluate: Evaluate, limits: EvaluationLimits, answers: int) -> None:
+    """Answer requests until there are no more, and exit."""
+    limits.apply()
+    while True:
+        count, size = _REQUEST.unpack(_read(_REQUEST.size))
+        genomes = np.frombuffer(bytearray(_read(count * size)), np.uint8).reshape(count, size)
+        try:
+            fitness = limits.evaluate(evaluate, genomes)
+        except EvaluationFailed as error:
+            _write(answers, _FAILED, str(error).encode())
+        else:
+            _write(answers, _EVALUATED, fitness.tobytes() + genomes.tobytes())
+
+
+def _read(size: int) -> bytes:
+    """Return so many bytes of standard input, unbuffered, since workers share it; exit at its end."""
+    found = b""
+    while len(found) < size:
+        piece = os.read(0, size - len(found))
+        if not piece:
+            os._exit(0)
+        found += piece
+    return found
+
+
+def _write(answers: int, kind: bytes, answer: bytes) -> None:
+    left = _ANSWER.pack(kind, len(answer)) + answer
+    while left:
+        left = left[os.write(answers, left) :]
+
+
+if __name__ == "__main__":
+    main()
