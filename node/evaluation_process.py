@@ -13,6 +13,7 @@ import struct
 import subprocess
 import sys
 import weakref
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from genetics.arrays import Evaluate, Fitness, Genomes
 from lowlevel import linux
 from node.evaluation_limits import EvaluationLimits
 from problems import EvaluationFailed, ProblemFile, child_process
-from problems.guard import guarded
+from problems.guard import evaluated
 
 _REQUEST = struct.Struct("<2q")  # how many genomes follow, and their bytes
 _ANSWER = struct.Struct("<cq")  # what follows, and its bytes
@@ -48,10 +49,10 @@ class EvaluationProcess:
         self._process: subprocess.Popen[bytes] | None = None
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """Return the fitness of genomes, which the problem may change.
+        """Return a number of any value for each of the genomes, which the problem may change.
 
         Raises:
-            EvaluationFailed: if the problem's method fails.
+            EvaluationFailed: as `problems.guard.evaluated` does.
             WorkerDiedError: if it ends its process.
         """
         try:
@@ -95,13 +96,12 @@ def main() -> None:
     (size,) = struct.unpack("<q", _read(8))
     file, *limits = json.loads(_read(size))
     problem, limited = ProblemFile.from_json(file).problem(checked=True).for_cell(), EvaluationLimits(*limits)
-    evaluate = guarded(problem)
     while True:
         parent = os.getpid()
         worker = os.fork()
         if worker == 0:
             linux.end_with_parent(parent)
-            _serve(evaluate, limited, answers)
+            _serve(partial(evaluated, problem), limited, answers)
         _, status = os.waitpid(worker, 0)
         # A worker that SIGKILL ends may have read a part of a request; one that exits had no more to read, or was
         # told to by the user's code.

@@ -22,7 +22,7 @@ from genetics.arrays import Evaluate, Fitness, Genomes
 from node.evaluation_limits import EvaluationLimits
 from node.evaluation_process import EvaluationProcess, WorkerDiedError
 from problems import EvaluationFailed, Problem
-from problems.guard import guarded
+from problems.guard import guarded, soundly
 
 _DEADLY = 2  # deaths after which an individual counts as infeasible
 _MOST_INFEASIBLE = 1000  # of one node's; a report has to name them, and each has taken the time of three evaluations
@@ -251,7 +251,10 @@ class Watch:
         if problem.fitness_kernel is not None:
             return evaluate
 
-        return lambda genomes: self._carefully(genomes) if suspects.has_crashed else self._watch(evaluate, genomes)
+        apart = soundly(problem, self._apart.evaluate)
+        return lambda genomes: (
+            self._carefully(apart, genomes) if suspects.has_crashed else self._watch(evaluate, genomes)
+        )
 
     def _watch(self, evaluate: Evaluate, genomes: Genomes) -> Fitness:
         """Evaluate genomes in this process; they are noted meanwhile."""
@@ -261,7 +264,7 @@ class Watch:
         finally:
             self._suspects.unmark()
 
-    def _carefully(self, genomes: Genomes) -> Fitness:
+    def _carefully(self, apart: Evaluate, genomes: Genomes) -> Fitness:
         """Evaluate genomes in a process apart, which they may kill.
 
         Raises:
@@ -270,7 +273,7 @@ class Watch:
         self._try_suspects(genomes)
         for _ in range(_MOST_BATCHES):
             try:
-                return evaluate_others(self._apart.evaluate, genomes, self.counts_as_infeasible)
+                return evaluate_others(apart, genomes, self.counts_as_infeasible)
             except WorkerDiedError as death:
                 crash = str(death)
             together = {genome.tobytes() for genome in genomes if not self.counts_as_infeasible(genome.tobytes())}

@@ -25,18 +25,33 @@ def guarded(problem: Problem) -> Evaluate:
 
     It raises `EvaluationFailed` if the method raises, returns NaN or -inf, or not one value for each genome.
     """
+    return soundly(problem, lambda genomes: evaluated(problem, genomes))
+
+
+def evaluated(problem: Problem, genomes: Genomes) -> Fitness:
+    """Call ``problem.evaluate`` and return one number of any value for each genome. This loads no kernels.
+
+    Raises:
+        EvaluationFailed: if the method raises, or returns anything else.
+    """
+    try:
+        # Copy: the returned array may be read-only, or a buffer that the problem will reuse.
+        fitness = np.array(problem.evaluate(genomes), dtype=np.float64, order="C")
+    except _ANYTHING as error:
+        raise _raised(problem, "evaluate", error) from error
+    if fitness.shape != (len(genomes),):
+        raise EvaluationFailed(
+            f"{problem.kind}: evaluate must return an array of shape ({len(genomes)},), got {fitness.shape}"
+        )
+    return fitness
+
+
+def soundly(problem: Problem, evaluate: Evaluate) -> Evaluate:
+    """Return a function that calls ``evaluate``, see `evaluated`, and raises `EvaluationFailed` for NaN or -inf."""
     from genetics.selection import unsound
 
-    def evaluate(genomes: Genomes) -> Fitness:
-        try:
-            # Copy: the returned array may be read-only, or a buffer that the problem will reuse.
-            fitness = np.array(problem.evaluate(genomes), dtype=np.float64, order="C")
-        except _ANYTHING as error:
-            raise _raised(problem, "evaluate", error) from error
-        if fitness.shape != (len(genomes),):
-            raise EvaluationFailed(
-                f"{problem.kind}: evaluate must return an array of shape ({len(genomes)},), got {fitness.shape}"
-            )
+    def sound(genomes: Genomes) -> Fitness:
+        fitness = evaluate(genomes)
         if (wrong := unsound(fitness)) >= 0:
             raise EvaluationFailed(
                 f"{problem.kind}: evaluate must not return NaN or -inf, got {fitness[wrong]}"
@@ -44,7 +59,7 @@ def guarded(problem: Problem) -> Evaluate:
             )
         return fitness
 
-    return evaluate
+    return sound
 
 
 def decoded(problem: Problem, genome: Genomes) -> Solution:
