@@ -80,13 +80,26 @@ def subdivide(space: Space, translations: int, accuracy: float, clearance: Clear
         kinds.append(_kinds(level, gaps, translations, accuracy))
         halved = kinds[-1] == HALVED
         spheres += int(np.count_nonzero(kinds[-1] == CLOSED))
-        # Both halves of a cell have its centre. If that is in collision, each will need a sphere at least.
-        needed = spheres + 2 * int(np.count_nonzero(halved & (gaps == 0.0)))
+        needed = spheres + _least_spheres(level, accuracy) * int(np.count_nonzero(halved & (gaps == 0.0)))
         level = level.halved(halved)
         # Checked on every level, so that a too fine accuracy fails before it costs minutes.
         if needed > MOST_SPHERES or len(level.centres) > _MOST_CELLS:
             raise ValueError(f"accuracy: expected one that needs at most {MOST_SPHERES:,} spheres, found {accuracy:g}")
     return base64.b64encode(zlib.compress(np.concatenate(kinds).tobytes(), 9)).decode()
+
+
+def _least_spheres(level: _Level, accuracy: float) -> int:
+    """Return how many spheres a cell of this level needs at least if its centre is in collision.
+
+    Cells are halved until they are small. The pieces after the first halving along each axis all touch the centre, so
+    none of them is free.
+    """
+    half, halved = level.half.copy(), set[int]()
+    while np.linalg.norm(half) > accuracy:
+        axis = int(np.argmax(half))
+        half[axis] /= 2.0
+        halved.add(axis)
+    return 1 << len(halved)
 
 
 def _kinds(level: _Level, gaps: Floats, translations: int, accuracy: float) -> Kinds:

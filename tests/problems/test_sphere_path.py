@@ -315,6 +315,19 @@ def test_too_fine_an_accuracy_is_refused(monkeypatch):
         cart(accuracy=0.05)
 
 
+@pytest.mark.parametrize("accuracy", [0.1, 0.2, 0.3])
+def test_an_accuracy_is_refused_only_if_it_needs_more_spheres(monkeypatch, accuracy):
+    """What is foreseen while cells are still large is never more than what comes of them."""
+    problem = cart(accuracy=accuracy)
+    parts = problem.space, 2, accuracy, problem.gaps
+    needed = len(problem.forbidden_spheres)
+    monkeypatch.setattr(cells, "MOST_SPHERES", needed)
+    assert cells.subdivide(*parts) == problem.cells_code
+    monkeypatch.setattr(cells, "MOST_SPHERES", needed - 1)
+    with pytest.raises(ValueError, match="accuracy: expected one that needs at most"):
+        cells.subdivide(*parts)
+
+
 def test_mesh_files_are_read_once_and_not_needed_again(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     corners = frame().reshape(-1, 3)
