@@ -139,7 +139,7 @@ class Epochs:
         self._driver.coming = None
         try:
             file = self._config.modules.read(command.file)
-            watch = self._suspects.of(command.job, file.sha256, file.to_json())
+            watch = self._suspects.of(command.job, file)
             making = watch.making if registry.is_users_own(file.kind) else contextlib.nullcontext
             with making():
                 plan = Plan.of(file, command.epoch, command.since or 0, checked=True, protection=watch)

@@ -13,6 +13,7 @@ import struct
 import subprocess
 import sys
 import weakref
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -40,13 +41,14 @@ class EvaluationProcess:
     The process ends with this object, and with the thread that first evaluates.
 
     Args:
-        file: the problem file, as `ProblemFile.to_json` returns it.
+        file: the problem file.
         limits: what an evaluation may take.
     """
 
-    def __init__(self, file: str, limits: EvaluationLimits) -> None:
-        self._setting = json.dumps([file, limits.seconds, limits.memory]).encode()
+    def __init__(self, file: ProblemFile, limits: EvaluationLimits) -> None:
+        self._file, self._limits = file, limits
         self._process: subprocess.Popen[bytes] | None = None
+        self._end: Callable[[], object] | None = None
 
     def evaluate(self, genomes: Genomes) -> Fitness:
         """Return a number of any value for each of the genomes, which the problem may change.
@@ -64,7 +66,9 @@ class EvaluationProcess:
             kind, size = _ANSWER.unpack(process.stdout.read(_ANSWER.size))
             answer = process.stdout.read(size)
         except (OSError, struct.error):  # the whole process has ended
-            self._process = None
+            if self._end is not None:
+                self._end()
+            self._process = self._end = None
             raise WorkerDiedError("its process ended") from None
         if kind == _DIED:
             raise WorkerDiedError(answer.decode())
@@ -77,10 +81,11 @@ class EvaluationProcess:
     def _start(self) -> "subprocess.Popen[bytes]":
         command = [sys.executable, "-P", "-m", "node.evaluation_process", str(os.getpid())]
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        weakref.finalize(self, _end, process)
+        self._end = weakref.finalize(self, _end, process)
         self._process = process
+        setting = json.dumps([self._file.to_json(), self._limits.seconds, self._limits.memory]).encode()
         assert process.stdin is not None
-        process.stdin.write(struct.pack("<q", len(self._setting)) + self._setting)
+        process.stdin.write(struct.pack("<q", len(setting)) + setting)
         return process
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from genetics.arrays import Evaluate, Fitness, Genomes
 from node.evaluation_limits import EvaluationLimits
 from node.evaluation_process import EvaluationProcess, WorkerDiedError
-from problems import EvaluationFailed, Problem
+from problems import EvaluationFailed, Problem, ProblemFile
 from problems.guard import guarded, soundly
 
 _DEADLY = 2  # deaths after which an individual counts as infeasible
@@ -115,16 +115,15 @@ class Suspects:
             self._suspect_the_evaluated(crash)
         self._marks.unlink(missing_ok=True)
 
-    def of(self, job: int, problem: str, file: str) -> "Watch":
+    def of(self, job: int, file: ProblemFile) -> "Watch":
         """Return what watches the evaluations of a problem; if the job is another one than before, nobody is suspected.
 
         Args:
             job: the job's number.
-            problem: the digest of the problem, 64 characters.
-            file: the problem file, as `ProblemFile.to_json` returns it.
+            file: the problem file.
         """
         self._turn_to(job)
-        return Watch(self, problem, EvaluationProcess(file, self.limits))
+        return Watch(self, file.sha256, EvaluationProcess(file, self.limits))
 
     def _turn_to(self, job: int) -> None:
         if job != self._job:

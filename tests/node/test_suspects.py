@@ -18,7 +18,6 @@ from problems.file import parse
 from supernode import BitString
 
 DEADLY = 7
-PROBLEM = "a" * 64
 GENOMES = np.array([[1], [DEADLY], [3]], np.uint8)
 
 
@@ -106,12 +105,12 @@ LIMITS = EvaluationLimits(seconds=0.2, memory=1 << 28)
 
 def file_of(problem):
     text = f'kind = "test_suspects:{type(problem).__name__}"\nharm = "{problem.harm}"\n'
-    return parse(text, "deadly", Path(__file__).parent).to_json()
+    return parse(text, "deadly", Path(__file__).parent)
 
 
-def watch(folder, problem, crash="", digest=PROBLEM):
+def watch(folder, problem, crash=""):
     """What watches a node's evaluations of a problem; the process before it ended by ``crash``."""
-    return Suspects(folder, 3, crash, LIMITS).of(1, digest, file_of(problem))
+    return Suspects(folder, 3, crash, LIMITS).of(1, file_of(problem))
 
 
 def live(folder, problem, crash="", genomes=GENOMES):
@@ -145,9 +144,9 @@ def test_what_has_killed_two_processes_is_infeasible_and_the_node_dies_once(tmp_
     problem, told = Deadly(harm=harm), []
     assert live(tmp_path, problem) == (by, [])
     suspects = Suspects(tmp_path, 3, by, LIMITS, lambda: told.extend(suspects.news()))
-    evaluate = suspects.of(1, PROBLEM, file_of(problem)).guard(problem)
+    evaluate = suspects.of(1, file_of(problem)).guard(problem)
     assert evaluate(GENOMES.copy()).tolist() == [1.0, np.inf, 3.0]
-    assert suspects.infeasible == {(PROBLEM, b"\x07")}
+    assert suspects.infeasible == {(file_of(problem).sha256, b"\x07")}
     (line,) = told
     assert line.startswith("genome 07 counts as infeasible: it")
     assert by in line
@@ -212,7 +211,7 @@ def test_whoever_survives_alone_is_not_suspected_any_more(tmp_path):
     live(tmp_path, problem)
     harmless = np.array([[1], [3]], np.uint8)
     assert watch(tmp_path, problem, "SIGSEGV").guard(problem)(harmless).tolist() == [1.0, 3.0]
-    assert Suspects(tmp_path, 3, "", LIMITS).deaths == {(PROBLEM, b"\x07"): 1}
+    assert Suspects(tmp_path, 3, "", LIMITS).deaths == {(file_of(problem).sha256, b"\x07"): 1}
 
 
 def test_a_process_that_was_killed_from_outside_makes_nobody_suspect(tmp_path):
@@ -221,17 +220,18 @@ def test_a_process_that_was_killed_from_outside_makes_nobody_suspect(tmp_path):
 
 
 def test_whoever_is_twice_in_a_batch_has_killed_one_process(tmp_path):
-    live(tmp_path, Deadly(harm="crash"), genomes=np.array([[DEADLY], [1], [1]], np.uint8))
+    problem = Deadly(harm="crash")
+    live(tmp_path, problem, genomes=np.array([[DEADLY], [1], [1]], np.uint8))
     found = Suspects(tmp_path, 3, "SIGSEGV", LIMITS)
     assert found.infeasible == set()
-    assert found.deaths == {(PROBLEM, b"\x07"): 1, (PROBLEM, b"\x01"): 1}
+    assert found.deaths == {(file_of(problem).sha256, genome): 1 for genome in (b"\x07", b"\x01")}
 
 
 def test_another_job_begins_without_suspects_in_the_node_itself(tmp_path):
     problem = Deadly(harm="crash")
     live(tmp_path, problem)
     found = Suspects(tmp_path, 3, "SIGSEGV", LIMITS)
-    its = found.of(2, PROBLEM, file_of(problem))
+    its = found.of(2, file_of(problem))
     assert its.infeasible == ()
     assert its.guard(problem)(np.array([[1], [3]], np.uint8)).tolist() == [1.0, 3.0]
     assert children_of(os.getpid()) == []
@@ -239,8 +239,8 @@ def test_another_job_begins_without_suspects_in_the_node_itself(tmp_path):
 
 
 def test_a_replay_avoids_the_deadly():
-    deadly = [(PROBLEM, bytes([DEADLY]))]
-    evaluate = Avoiding(deadly, PROBLEM).guard(Deadly(harm="crash"))
+    deadly = [("digest", bytes([DEADLY]))]
+    evaluate = Avoiding(deadly, "digest").guard(Deadly(harm="crash"))
     assert evaluate(GENOMES.copy()).tolist() == [1.0, np.inf, 3.0]
     assert evaluate(GENOMES[1:2].copy()).tolist() == [np.inf]
     assert not Avoiding(deadly, "another").counts_as_infeasible(bytes([DEADLY]))
@@ -252,7 +252,7 @@ def test_after_an_update_the_same_genome_may_be_harmless(tmp_path):
     its = watch(tmp_path, problem, "SIGSEGV")
     its.guard(problem)(GENOMES.copy())
     assert its.counts_as_infeasible(bytes([DEADLY]))
-    assert not watch(tmp_path, problem, digest="b" * 64).counts_as_infeasible(bytes([DEADLY]))
+    assert not watch(tmp_path, Deadly(harm="loop")).counts_as_infeasible(bytes([DEADLY]))
 
 
 def test_a_fitness_does_not_depend_on_who_is_suspected(tmp_path):
