@@ -26,6 +26,7 @@ from problems.guard import evaluated
 
 _REQUEST = struct.Struct("<2q")  # how many genomes follow, and their bytes
 _ANSWER = struct.Struct("<cq")  # what follows, and its bytes
+_READY = b"r"  # nothing: the problem has been made
 _EVALUATED = b"e"  # fitness, then the genomes, which the problem may have changed
 _FAILED = b"f"  # the message of an `EvaluationFailed`
 _DIED = b"d"  # the signal's name
@@ -54,21 +55,19 @@ class EvaluationProcess:
         """Return a number of any value for each of the genomes, which the problem may change.
 
         Raises:
-            EvaluationFailed: as `problems.guard.evaluated` does.
+            EvaluationFailed: as `problems.guard.evaluated` does, or if there is no process to evaluate in.
             WorkerDiedError: if it ends its process.
         """
+        process = self._process or self._start()
+        assert process.stdin is not None
+        assert process.stdout is not None
         try:
-            process = self._start() if self._process is None else self._process
-            assert process.stdin is not None
-            assert process.stdout is not None
             process.stdin.write(_REQUEST.pack(*genomes.shape) + genomes.tobytes())
             process.stdin.flush()
             kind, size = _ANSWER.unpack(process.stdout.read(_ANSWER.size))
             answer = process.stdout.read(size)
         except (OSError, struct.error):  # the whole process has ended
-            if self._end is not None:
-                self._end()
-            self._process = self._end = None
+            self._drop()
             raise WorkerDiedError("its process ended") from None
         if kind == _DIED:
             raise WorkerDiedError(answer.decode())
@@ -79,14 +78,31 @@ class EvaluationProcess:
         return fitness
 
     def _start(self) -> "subprocess.Popen[bytes]":
+        """Start the process, and wait until it has made the problem.
+
+        Raises:
+            EvaluationFailed: if it does not.
+        """
         command = [sys.executable, "-P", "-m", "node.evaluation_process", str(os.getpid())]
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        self._end = weakref.finalize(self, _end, process)
-        self._process = process
         setting = json.dumps([self._file.to_json(), self._limits.seconds, self._limits.memory]).encode()
-        assert process.stdin is not None
-        process.stdin.write(struct.pack("<q", len(setting)) + setting)
-        return process
+        try:
+            process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            self._process, self._end = process, weakref.finalize(self, _end, process)
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.write(struct.pack("<q", len(setting)) + setting)
+            process.stdin.flush()
+            if process.stdout.read(_ANSWER.size) == _ANSWER.pack(_READY, 0):
+                return process
+        except OSError:
+            pass
+        self._drop()
+        raise EvaluationFailed(f"{self._file.kind}: no process apart could be started to evaluate in")
+
+    def _drop(self) -> None:
+        if self._end is not None:
+            self._end()
+        self._process = self._end = None
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
@@ -101,6 +117,7 @@ def main() -> None:
     (size,) = struct.unpack("<q", _read(8))
     file, *limits = json.loads(_read(size))
     problem, limited = ProblemFile.from_json(file).problem(checked=True).for_cell(), EvaluationLimits(*limits)
+    _write(answers, _READY, b"")
     while True:
         parent = os.getpid()
         worker = os.fork()

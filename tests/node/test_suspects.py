@@ -71,6 +71,13 @@ class Failing(Deadly):
         raise ValueError("no")
 
 
+class Unmakable(Deadly):
+    """It cannot be made for a cell."""
+
+    def for_cell(self):
+        crash()
+
+
 class Changing(Deadly):
     """It changes what it evaluates."""
 
@@ -186,6 +193,13 @@ def test_a_failure_is_no_death(tmp_path):
     with pytest.raises(EvaluationFailed, match="evaluate raised ValueError: no"):
         its.guard(problem)(GENOMES.copy())
     assert its.infeasible == ()
+
+
+def test_a_problem_that_cannot_be_made_apart_fails_the_job(tmp_path):
+    live(tmp_path, Deadly(harm="crash"))
+    problem = Unmakable(harm="")
+    with pytest.raises(EvaluationFailed, match="no process apart could be started to evaluate in"):
+        watch(tmp_path, problem, "SIGSEGV").guard(problem)(GENOMES.copy())
 
 
 def test_what_the_problem_changes_in_the_genomes_comes_back(tmp_path):
