@@ -6,7 +6,7 @@ Usage: python -m benchmarks.hosts [--torus 8x8] [--nodes 24,24,16] [--generation
 Each host is an agent (`supernode node`) in a network namespace of its own, with an address on a bridge between them.
 Router, coordinator and spy are on the first host. With --delay and --loss, which hold for what each host sends to
 others, a relay (`benchmarks.relay`) takes the bridge's place; a line without delay and loss then shows what the relay
-itself costs. A delay of 50 ms makes a round trip of 100 ms. It needs root, and the program ip (Debian: iproute2).
+itself costs. A delay of 50 ms makes a round trip of 100 ms. It needs root, or the right to make user namespaces.
 
 With --keys the hosts are measured by plain TCP and by TLS with keys of `supernode keys`, in so many turns.
 """
@@ -16,9 +16,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -26,8 +24,10 @@ from pathlib import Path
 from typing import Any
 
 import supernode
-from benchmarks.namespaces import Namespaces
+from benchmarks.namespaces import Namespaces, prepare
 from coordinator.cpu_time import cpu_seconds_of
+from supernode.chaos.hosts import children_of
+from supernode.deploy.kept_alive import supernode_command
 from supernode.files.authority import Authority
 from wire.jobs import RIGHTS
 
@@ -86,9 +86,8 @@ class Hosts:
             yield
 
     def _start(self, stack: contextlib.ExitStack, host: int, *arguments: str) -> subprocess.Popen[bytes]:
-        command = self._namespaces.command(host, [sys.executable, "-m", "supernode", *arguments])
         log = stack.enter_context((self._folder / f"{arguments[0]}{host}.log").open("wb"))
-        process = subprocess.Popen(command, stdout=log, stderr=log)
+        process = self._namespaces.popen(host, supernode_command(*arguments), stdout=log, stderr=log)
         stack.callback(process.wait)
         stack.callback(process.terminate)
         return process
@@ -105,10 +104,9 @@ class Hosts:
     def ask(self, *arguments: str) -> dict[str, Any] | None:
         """Return what a client's command prints as JSON; None if it fails."""
         trust = self._trust("client") if self._has_keys else ()
-        command = [sys.executable, "-m", "supernode", *arguments, "--connect", self.connect, *trust]
-        ran = subprocess.run(self._namespaces.command(0, command), capture_output=True, check=False)
+        command = supernode_command(*arguments, "--connect", self.connect, *trust)
         try:
-            found: dict[str, Any] = json.loads(ran.stdout)
+            found: dict[str, Any] = json.loads(self._namespaces.run(0, command))
         except ValueError:
             return None
         return found
@@ -121,11 +119,7 @@ class Hosts:
 
 def processes_below(process: int) -> list[int]:
     """Return a process and all below it."""
-    try:
-        children = Path(f"/proc/{process}/task/{process}/children").read_text(encoding="ascii").split()
-    except OSError:
-        return []
-    return [process, *(each for child in children for each in processes_below(int(child)))]
+    return [process, *(each for child in children_of(process) for each in processes_below(child))]
 
 
 def measured(
@@ -164,8 +158,7 @@ def main() -> None:
     parser.add_argument("--keys", type=int, default=0, metavar="TURNS", help="measure by TCP and TLS in turns")
     options = parser.parse_args()
     nodes = [int(each) for each in options.nodes.split(",")]
-    if os.geteuid() != 0:
-        parser.error("expected root, as network namespaces need it")
+    prepare()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "problem.toml"
         file.write_text(_PROBLEM, encoding="utf-8")

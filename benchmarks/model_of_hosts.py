@@ -12,13 +12,12 @@ Two tables, made side by side in one run:
    measured at some sizes, fitted by a straight line, and said for 100, 1,000 and 10,000 hosts of 100 cores; with the
    first limit that each of them meets.
 
-It needs root, and the program ip (Debian: iproute2).
+It needs root, or the right to make user namespaces.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import tempfile
 import time
 from pathlib import Path
@@ -29,7 +28,7 @@ import numpy as np
 import supernode
 from benchmarks.hosts import Hosts
 from benchmarks.model import error
-from benchmarks.namespaces import Namespaces
+from benchmarks.namespaces import Namespaces, prepare
 from coordinator import LocalCluster
 from topologies import torus_of
 from wire.news import MOST_REPORTS_PER_SECOND
@@ -151,8 +150,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--generations", type=int, default=400)
     parser.add_argument("--sizes", type=lambda text: [int(each) for each in text.split(",")], default=[16, 64, 256])
     options = parser.parse_args()
-    if os.geteuid() != 0:
-        parser.error("expected root, as network namespaces need it")
+    prepare()
     return options
 
 

@@ -1,9 +1,9 @@
 """A switch in user space between hosts in network namespaces: it delays frames, loses some, and can cut a host off.
 
-Usage: python -m benchmarks.relay HOSTS DELAY LOSS  (started by `benchmarks.namespaces`)
+Usage: python -m benchmarks.relay DELAY LOSS TAP TAP ...  (started by `benchmarks.namespaces`)
 
-It opens a TAP device for each host, prints their names in one line, and passes frames on until its standard input ends.
-A line ``cut NUMBER`` there cuts a host off, and ``heal`` ends that. Linux's netem would do the same in the kernel, but
+It is given the descriptor of a TAP device of each host, and passes frames on until its standard input ends. A line
+``cut NUMBER`` there cuts a host off, and ``heal`` ends that. Linux's netem would do the same in the kernel, but
 not every kernel has it.
 """
 
@@ -29,15 +29,13 @@ class Relay:
     """Passes frames from TAP to TAP.
 
     Args:
-        hosts: how many TAPs.
+        taps: the descriptors.
         delay: s by which each frame is late.
         loss: the share of frames that is lost.
     """
 
-    def __init__(self, hosts: int, delay: float, loss: float) -> None:
-        self._delay, self._loss = delay, loss
-        self.names = [f"sn{os.getpid()}t{number}" for number in range(hosts)]
-        self._taps = [_tap(name) for name in self.names]
+    def __init__(self, taps: list[int], delay: float, loss: float) -> None:
+        self._delay, self._loss, self._taps = delay, loss, taps
         self._at: dict[bytes, int] = {}  # address to TAP
         self._cut: set[int] = set()
         self._waiting: deque[tuple[float, int, bytes]] = deque()
@@ -90,18 +88,17 @@ def _write(tap: int, frame: bytes) -> None:
         return
 
 
-def _tap(name: str) -> int:
-    tap = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
-    fcntl.ioctl(tap, _TUNSETIFF, struct.pack("16sH", name.encode(), _TAP | _NO_HEADER))
-    return tap
+def tap(name: str) -> int:
+    """Return the descriptor of a new TAP device in the calling thread's network namespace."""
+    device = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
+    fcntl.ioctl(device, _TUNSETIFF, struct.pack("16sH", name.encode(), _TAP | _NO_HEADER))
+    return device
 
 
 def main() -> None:
-    """Open the TAPs, print their names, and pass frames on."""
-    hosts, delay, loss = int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3])
-    relay = Relay(hosts, delay, loss)
-    print(*relay.names, flush=True)
-    relay.run()
+    """Pass frames on."""
+    delay, loss, *taps = sys.argv[1:]
+    Relay([int(each) for each in taps], float(delay), float(loss)).run()
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ each host beside each other, and how long champions take to the client; and whic
 hosts have in common here, the switch between them takes. A champion's birth is dated by the counters that
 its node sends: they say at which generation the node was when. Then hosts are cut off in turns, each for --cut seconds.
 After each healing the table says how long it takes until every node knows a champion as good as the best on either
-side, and how many messages per second the nodes send then, beside before. It needs root, and the program ip (Debian:
-iproute2).
+side, and how many messages per second the nodes send then, beside before. It needs root, or the right to make user
+namespaces.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from pathlib import Path
 
 import supernode
 from benchmarks.hosts import Hosts
-from benchmarks.namespaces import Namespaces
+from benchmarks.namespaces import Namespaces, prepare
 from wire import sessions
 from wire.callbacks import direct
 from wire.keys import Keys
@@ -173,13 +173,15 @@ def _on_hosts(nodes: list[int], delay: float, loss: float, more: list[str]) -> N
         hosts = Hosts(namespaces, nodes, Path(folder))
         with hosts.up():
             words = ["--watch", hosts.connect, "--problem", str(problem), f"--delay={delay}", f"--loss={loss}", *more]
-            command = namespaces.command(0, [sys.executable, "-m", "benchmarks.wide", *words])
-            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as watching:
+            command = [sys.executable, "-m", "benchmarks.wide", *words]
+            with namespaces.popen(0, command, stdout=subprocess.PIPE, text=True) as watching:
                 assert watching.stdout is not None
                 for line in watching.stdout:
                     first, _, rest = line.partition(" ")
-                    if first.strip() in ("cut", "heal"):
-                        namespaces.cut(int(rest) if rest else None)
+                    if first == "cut":
+                        heal = namespaces.cut(int(rest))
+                    elif first.strip() == "heal":
+                        heal()
                     elif first.strip() == "begin":
                         began, used = time.monotonic(), namespaces.relay_cpu_seconds()
                     elif " ms, " in line:
@@ -196,6 +198,7 @@ def main() -> None:
     if options.watch:
         watch(options)
         return
+    prepare()
     nodes = [int(each) for each in options.nodes.split(",")]
     hosts = " | ".join(f"host{host}, evaluations/s" for host in range(len(nodes)))
     champions = "a champion's way, s: median, 95 %, longest | champions"
@@ -219,8 +222,6 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--watch", help=argparse.SUPPRESS)  # the endpoint, in the process on the first host
     parser.add_argument("--problem", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if os.geteuid() != 0:
-        parser.error("expected root, as network namespaces need it")
     if len(options.nodes.split(",")) < 2:
         parser.error("--nodes: expected two hosts at least")
     return options

@@ -1,22 +1,23 @@
 """Carry out faults on the processes of a cluster that is started for it, while it runs one job."""
 
 import contextlib
-import os
 import re
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
+import topologies
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.states import ENDS
+from coordinator.launch.compilation import compile_missing
 from coordinator.launch.launcher import ServiceOptions
 from problems import BadInput, ProblemFile
 from spy.result import Result
+from supernode.chaos.hosts import HostedCluster
+from supernode.chaos.means import Means
+from supernode.chaos.network import Network
 from supernode.chaos.repeating import repeated
 from supernode.chaos.schedule import Fault
 from supernode.client.client import Client, ClientJob
@@ -27,6 +28,7 @@ from supernode.reports.records import pages
 _ENDS_WITHIN = 120.0  # seconds after the last fault
 _RUNS_WITHIN = 60.0  # seconds
 _LOOK_EVERY = 0.05  # seconds
+_NEWS_WITHIN = 2.0  # seconds; news comes about once a second
 _ANOTHER_EPOCH = "another epoch begins"  # how a line of the coordinator's log begins
 _GOES_ON = re.compile(r"new processes go on where the dead ones were: cells (.*)")
 
@@ -45,6 +47,8 @@ class Outcome:
         repeats: whether a replay of the result has the same history; None if it has no history, as in async mode.
         stood_still: the longest time without news of a new generation, in seconds. The news comes about once a second,
             and not while there is no spy. None if none came.
+        bred_apart: for each time that a host was cut off for so long that news came meanwhile, the generations that
+            the foremost cell bred after the first two seconds of it.
     """
 
     done: list[tuple[float, Fault]] = field(default_factory=list)
@@ -55,6 +59,7 @@ class Outcome:
     worse_told: int = 0
     repeats: bool | None = None
     stood_still: float | None = None
+    bred_apart: list[int] = field(default_factory=list)
 
     @property
     def lost(self) -> list[str]:
@@ -78,7 +83,12 @@ class Outcome:
 
 
 def run(
-    file: ProblemFile, faults: Sequence[Fault], force: bool, say: Callable[[str], None], disk: Path | None = None
+    file: ProblemFile,
+    faults: Sequence[Fault],
+    force: bool,
+    say: Callable[[str], None],
+    disk: Path | None = None,
+    network: Network | None = None,
 ) -> Outcome:
     """Start a cluster, run the problem on it under faults, and return what has happened.
 
@@ -88,22 +98,20 @@ def run(
         force: start it even if this machine cannot hold so many nodes.
         say: called with a line about each fault.
         disk: the disk for the cluster's state, which faults may fill; None: some folder, and no such fault.
+        network: the hosts for the nodes, which faults may cut off; None: all are on this one, and no such fault.
 
     Raises:
         BadInput: if the problem is wrong, or this machine cannot hold so many nodes.
         ClusterFailed: if the cluster does not come up.
     """
-    module, own, _ = file.kind.partition(":")
-    service = ServiceOptions(state=disk, allow_modules=(module,) if own else (), modules=file.folder)
-    request = LaunchRequest(file.run.topology, service, force=force)
     outcome = Outcome()
-    with Supervisor(request).up() as up, Client(Place.at(up.endpoint)) as client:
+    with _up(file, force, disk, network) as means, Client(Place.at(means.endpoint)) as client:
         job = client.submit(file)
-        listener = threading.Thread(target=_listen, args=(job, outcome), name="improvements", daemon=True)
+        ended = threading.Event()
+        listener = threading.Thread(target=_listen, args=(job, outcome, ended), name="improvements", daemon=True)
         listener.start()
         try:
-            begin = partial(_begin, processes=up.processes, disk=disk)
-            _try(job, client, faults, begin, outcome, say)
+            _try(job, client, faults, means, ended, outcome, say)
         except ClusterFailed as error:
             outcome.broken = str(error)
         listener.join(_ENDS_WITHIN)
@@ -113,11 +121,28 @@ def run(
     return outcome
 
 
+@contextlib.contextmanager
+def _up(file: ProblemFile, force: bool, disk: Path | None, network: Network | None) -> Iterator[Means]:
+    """Start a cluster, and yield how it can be reached."""
+    module, own, _ = file.kind.partition(":")
+    modules = (module,) if own else ()
+    if network is None:
+        service = ServiceOptions(state=disk, allow_modules=modules, modules=file.folder)
+        with Supervisor(LaunchRequest(file.run.topology, service, force=force)).up() as up:
+            yield Means(up.endpoint, up.processes, disk)
+    else:
+        compile_missing()
+        nodes = topologies.parse(file.run.topology).cells
+        with HostedCluster(network, nodes, disk, modules=modules, folder=file.folder, force=force) as cluster:
+            yield Means(cluster.connect, cluster.processes, disk, network, cluster.nodes_on)
+
+
 def _try(
     job: ClientJob,
     client: Client,
     faults: Sequence[Fault],
-    begin: Callable[[Fault], Callable[[], None] | None],
+    means: Means,
+    ended: threading.Event,
     outcome: Outcome,
     say: Callable[[str], None],
 ) -> None:
@@ -126,33 +151,43 @@ def _try(
     Raises:
         ClusterFailed: if the cluster does not answer any more.
     """
+    deaths: list[tuple[float, int]] = []
     if _wait_for(lambda: job.state() not in ("submitted", "queued", "preparing"), _RUNS_WITHIN):
-        _carry_out(faults, begin, job, outcome, say)
+        nodes = job.show()["nodes"]  # in the order of cells: hosts may have joined in another one
+        cells = {node: cell for cell, node in enumerate(nodes)}
+        deaths = [(at, cells[node]) for at, node in _carry_out(faults, means, ended, outcome, say) if node in cells]
     job.cancel()
     with contextlib.suppress(TimeoutError):
         outcome.result = job.result(_ENDS_WITHIN)
-    outcome.whole_again = _whole_again(outcome.done, _records(client, "log", job.id))
-    outcome.stood_still = _stood_still(_records(client, "statistics", job.id))
+    outcome.whole_again = _whole_again(deaths, _records(client, "log", job.id))
+    statistics = list(_records(client, "statistics", job.id))
+    outcome.stood_still = _stood_still(statistics)
+    outcome.bred_apart = _bred_apart(outcome.done, statistics)
 
 
 def _carry_out(
     faults: Sequence[Fault],
-    begin: Callable[[Fault], Callable[[], None] | None],
-    job: ClientJob,
+    means: Means,
+    ended: threading.Event,
     outcome: Outcome,
     say: Callable[[str], None],
-) -> None:
-    """Carry out the faults until the job has ended."""
+) -> list[tuple[float, int]]:
+    """Carry out the faults until the job has ended; return the nodes that died by them, each with the Unix time.
+
+    The coordinator is not asked meanwhile: without one the next faults would have to wait.
+    """
+    deaths: list[tuple[float, int]] = []
     began, timers = time.monotonic(), list[threading.Timer]()
     with contextlib.ExitStack() as at_last:  # also if the cluster breaks, or somebody presses Ctrl-C
         for fault in faults:
-            time.sleep(max(0.0, began + fault.at - time.monotonic()))
-            if job.state() in ENDS:
+            if ended.wait(max(0.0, began + fault.at - time.monotonic())):
                 break
-            end = begin(fault)
+            dying, end = means.dying(fault), means.begin(fault)
             if end is None:
                 continue
-            outcome.done.append((time.time(), fault))
+            at = time.time()
+            outcome.done.append((at, fault))
+            deaths += [(at, node) for node in dying]
             lasts = f" for {fault.seconds:.1f} s" if fault.seconds else ""
             say(f"{fault.at:6.1f} s  {fault.do} {fault.target}{lasts}")
             if fault.seconds:
@@ -163,43 +198,17 @@ def _carry_out(
         for timer in timers:
             timer.join()
         at_last.pop_all()  # all have ended by themselves
+    return deaths
 
 
-def _begin(fault: Fault, processes: Callable[[], Mapping[str, int]], disk: Path | None) -> Callable[[], None] | None:
-    """Carry out a fault; return what ends it, or None if there is no such process any more."""
-    if fault.do == "fill":
-        assert disk is not None
-        return _fill(disk)
-    process = processes().get(fault.target)
-    if process is None:
-        return None
-    try:
-        os.kill(process, signal.SIGKILL if fault.do == "kill" else signal.SIGSTOP)
-    except ProcessLookupError:
-        return None
-    return partial(_let_go_on, process)
-
-
-def _fill(disk: Path) -> Callable[[], None]:
-    """Leave no room on a disk; return what makes room again."""
-    filler, block = disk / "filler", bytes(1 << 16)
-    with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
-        while True:
-            file.write(block)
-    return partial(filler.unlink, missing_ok=True)
-
-
-def _let_go_on(process: int) -> None:
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(process, signal.SIGCONT)
-
-
-def _listen(job: ClientJob, outcome: Outcome) -> None:
+def _listen(job: ClientJob, outcome: Outcome, ended: threading.Event) -> None:
+    """Note what the client is told, and when the job has ended."""
     with contextlib.suppress(ClusterFailed):  # `_try` notes that too
         for better in job.improvements():
             best = outcome.best_told.get(better.epoch)
             outcome.worse_told += best is not None and better.fitness > best
             outcome.best_told[better.epoch] = better.fitness if best is None else min(best, better.fitness)
+        ended.set()
 
 
 def _wait_for(happened: Callable[[], bool], seconds: float) -> bool:
@@ -216,20 +225,19 @@ def _records(client: Client, kind: str, job: str) -> Iterator[dict[str, Any]]:
         yield from (dict(zip(page.columns, row, strict=True)) for row in page.rows)
 
 
-def _whole_again(done: Sequence[tuple[float, Fault]], records: Iterable[Mapping[str, Any]]) -> list[float]:
+def _whole_again(deaths: Sequence[tuple[float, int]], records: Iterable[Mapping[str, Any]]) -> list[float]:
     """Return for each death of a cell that went on exactly the seconds until then.
 
     A cell that died twice before it went on counts once, from its first death. What another epoch has settled does not
     count.
     """
-    deaths = [(at, fault.target.removeprefix("node ")) for at, fault in done if fault.do == "kill"]
     found = []
     for record in sorted(records, key=lambda record: record["at"]):
         text, at = record["text"], record["at"]
         if text.startswith(_ANOTHER_EPOCH):
             deaths = [each for each in deaths if each[0] > at]
         elif (line := _GOES_ON.fullmatch(text)) is not None:
-            for cell in line[1].split(", "):
+            for cell in map(int, line[1].split(", ")):
                 earlier = [died for died, whose in deaths if whose == cell and died <= at]
                 found += [at - min(earlier)] if earlier else []
                 deaths = [each for each in deaths if each[1] != cell or each[0] > at]
@@ -245,6 +253,21 @@ def _stood_still(records: Iterable[Mapping[str, Any]]) -> float | None:
         if latest is None or _progress(record) > _progress(latest):
             latest = record
     return longest
+
+
+def _bred_apart(done: Iterable[tuple[float, Fault]], records: Sequence[Mapping[str, Any]]) -> list[int]:
+    """Return for each cut the generations between the first news that is of the time within it and the last.
+
+    A cut of which there is less than two pieces of news does not count.
+    """
+    found = []
+    for at, fault in done:
+        if fault.do == "part":
+            within = [each for each in records if at + _NEWS_WITHIN <= each["at"] <= at + fault.seconds]
+            last_epoch = max((each["epoch"] for each in within), default=0)
+            generations = [each["generation"] for each in within if each["epoch"] == last_epoch]
+            found += [max(generations) - min(generations)] if len(generations) > 1 else []
+    return found
 
 
 def _progress(record: Mapping[str, Any]) -> tuple[int, int]:

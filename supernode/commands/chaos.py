@@ -1,10 +1,11 @@
 """Kill and stop processes of a cluster while it solves a problem, and report what was lost.
 
 A quarter of the nodes is killed at once, then one node is killed or stopped every second; spy, router and coordinator
-are killed once each. With --full-disk the disk that keeps the jobs is full for a while. The cluster is started for this
-on this machine. The exit code is 3 if anything was lost: the job did not end, the answer is worse than one that was
-told before, or a replay has another history. With --simulate no process is started: each trial is a whole cluster
-within one process, and --draw decides everything but the problem.
+are killed once each. With --hosts the nodes are on several hosts, which are cut off now and then, and one is killed.
+With --full-disk the disk that keeps the jobs is full for a while. The cluster is started for this on this machine. The
+exit code is 3 if anything was lost: the job did not end, the answer is worse than one that was told before, or a replay
+has another history. With --simulate no process is started: each trial is a whole cluster within one process, and --draw
+decides everything but the problem.
 """
 
 import argparse
@@ -16,7 +17,10 @@ from supernode.commands.cluster_options import add_force
 from supernode.commands.run_options import add_settings, positive, share, whole
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
+
+    from supernode.chaos.network import Network
 
 _TELL_EVERY = 50  # trials
 _DISK_BYTES = 64 << 20
@@ -34,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     faults.add_argument(
         "--full-disk", metavar="S", type=positive, help="let the disk that keeps the jobs be full once, for S seconds"
+    )
+    faults.add_argument(
+        "--hosts",
+        metavar="N",
+        type=whole,
+        help="put the nodes on N hosts, each in a network namespace of its own; cut hosts off, and kill one",
     )
     simulated = parser.add_argument_group("simulation")
     simulated.add_argument(
@@ -67,6 +77,8 @@ def _simulate(options: argparse.Namespace) -> int:
 
     if options.full_disk is not None:
         raise BadInput("--full-disk: expected none with --simulate, whose disks fail by themselves")
+    if options.hosts is not None:
+        raise BadInput("--hosts: expected none with --simulate, which draws how many hosts there are")
     file, broken = load(options.problem), 0
     if registry.is_users_own(file.kind):
         raise BadInput(f"{file.name}: kind: expected a built-in kind with --simulate, found {file.kind!r}")
@@ -90,22 +102,52 @@ def _try(options: argparse.Namespace) -> int:
     """Try a real cluster."""
     from problems.errors import BadInput
 
-    if options.full_disk is None:
-        return _try_on(None, options)
-    if options.full_disk >= options.length:
+    if options.full_disk is None and options.hosts is None:
+        return _try_on(options)
+    if options.full_disk is not None and options.full_disk >= options.length:
         raise BadInput(f"--full-disk: expected less than --for, {options.length:g}, found {options.full_disk:g}")
-    import os
-    import sys
+    from coordinator.threads import begin_again_with_one_thread
+    from supernode.chaos.network import MOST_HOSTS
+
+    if options.hosts is not None and not 1 <= options.hosts <= MOST_HOSTS:
+        raise BadInput(f"--hosts: expected 1 to {MOST_HOSTS}, found {options.hosts}")
+    begin_again_with_one_thread()  # since numpy was read with the arguments
+    with contextlib.ExitStack() as stack:
+        network = None if options.hosts is None else stack.enter_context(_network(options.hosts))
+        disk = None if options.full_disk is None else stack.enter_context(_disk())
+        return _try_on(options, disk, network)
+
+
+def _network(hosts: int) -> "Network":
+    """Return so many hosts for the nodes.
+
+    Raises:
+        BadInput: if this system or this user can have none.
+    """
+    from problems.errors import BadInput
+    from supernode.chaos.network import Network
+
+    try:
+        return Network(hosts)
+    except OSError as error:
+        mend = "run it as root, or where users may make user namespaces; the kernel needs its modules bridge and veth"
+        raise BadInput(
+            f"--hosts: expected the right to make networks within this machine, found {error.strerror!r}; {mend}"
+        ) from None
+
+
+@contextlib.contextmanager
+def _disk() -> "Iterator[Path]":
+    """Yield the folder of a disk of this process's own.
+
+    Raises:
+        BadInput: if this user can have none.
+    """
     import tempfile
     from pathlib import Path
 
-    from coordinator.threads import ONE_THREAD
-
-    if not os.environ.items() >= ONE_THREAD.items():
-        # `own_disk` asks for a process of one thread, and numpy has started others while the arguments were read.
-        os.execve(sys.executable, [sys.executable, "-m", "supernode", *sys.argv[1:]], os.environ | ONE_THREAD)
-
     from lowlevel.namespaces import own_disk
+    from problems.errors import BadInput
 
     with contextlib.ExitStack() as stack:
         disk = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="supernode-disk-")))
@@ -116,16 +158,16 @@ def _try(options: argparse.Namespace) -> int:
             raise BadInput(
                 f"--full-disk: expected the right to mount a disk in memory, found {error.strerror!r}; {mend}"
             ) from None
-        return _try_on(disk, options)
+        yield disk
 
 
-def _try_on(disk: "Path | None", options: argparse.Namespace) -> int:
-    """Try a real cluster, whose jobs are kept on a disk that may be full (None: on any)."""
+def _try_on(options: argparse.Namespace, disk: "Path | None" = None, network: "Network | None" = None) -> int:
+    """Try a real cluster: on a disk that may be full (None: on any), and on several hosts (None: on this one)."""
     import json
     import sys
 
     import topologies
-    from problems import load
+    from problems import BadInput, load
     from problems.run import MOST_GENERATIONS
     from supernode.chaos import report, schedule, trial
     from supernode.commands.run_options import settings
@@ -138,12 +180,15 @@ def _try_on(disk: "Path | None", options: argparse.Namespace) -> int:
         file = file.with_run(target=-1.0 if file.run.target is None else file.run.target, stall=MOST_GENERATIONS - 1)
     file.refuse_unreachable()
     cells = topologies.parse(file.run.topology).cells
-    faults = schedule.faults(cells, options.length, options.at_once, options.draw, options.full_disk or 0.0)
+    hosts = options.hosts or 0
+    if hosts > cells:
+        raise BadInput(f"--hosts: expected at most one for each of {cells} nodes, found {hosts}")
+    faults = schedule.faults(cells, options.length, options.at_once, options.draw, options.full_disk or 0.0, hosts)
 
     def say(line: str) -> None:
         if not options.quiet:
             print(line, file=sys.stderr)
 
-    outcome = trial.run(file, faults, options.force, say, disk)
+    outcome = trial.run(file, faults, options.force, say, disk, network)
     print(json.dumps(report.as_json(outcome)) if options.json else report.in_words(outcome))
     return exits.NOT_REACHED if outcome.lost else exits.OK

@@ -58,9 +58,11 @@ def test_nothing_is_lost_while_the_disk_is_full(problem):
     [
         (["--full-disk", "9", "--for", "9"], "--full-disk: expected less than --for, 9, found 9"),
         (["--full-disk", "9", "--simulate"], "--full-disk: expected none with --simulate"),
+        (["--hosts", "2", "--simulate"], "--hosts: expected none with --simulate"),
+        (["--hosts", "0"], "--hosts: expected 1 to 1000, found 0"),
     ],
 )
-def test_a_disk_that_cannot_be_full(problem, capsys, options, said):
+def test_what_a_trial_cannot_do(problem, capsys, options, said):
     code, _, err = in_process(capsys, "chaos", problem, *options)
     assert code == 2
     assert said in err
@@ -102,6 +104,7 @@ def test_what_was_lost_is_said():
     assert SOUND.lost == []
     assert "2 dead cells went on exactly" in in_words(SOUND)
     assert "without news of a new generation: 1.5 s" in in_words(replace(SOUND, stood_still=1.5))
+    assert "the others bred at most 7 generations" in in_words(replace(SOUND, bred_apart=[0, 7]))
     assert as_json(SOUND)["whole_again"] == [0.2, 0.4]
     for wrong, words in (
         ({"result": None}, "did not end"),
