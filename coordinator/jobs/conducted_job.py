@@ -31,6 +31,9 @@ class ConductorServices(Protocol):
     def hosts_of(self, nodes: tuple[int, ...]) -> tuple[str, ...]:
         """Return the host of each of these nodes; empty if one zygote launched them all."""
 
+    def wiring_of(self, number: int, nodes: tuple[int, ...]) -> Wiring:
+        """Return the links of that number between these nodes, which a coordinator before this one has made."""
+
     def open_links(self, node: int, wirings: Sequence[int]) -> None:
         """Note the wirings whose links a node has, which a coordinator before this one has made."""
 

@@ -94,7 +94,8 @@ class Dispatcher:
         self._lock = threading.RLock()
         self._failure: str | None = None  # why no job can run any more
         self._node_hosts = NodeHosts()
-        self.hosts_of = self._node_hosts.hosts_of  # only reads: each node's host is one entry, so it needs no lock
+        # These only read: each node's host is one entry, so they need no lock.
+        self.hosts_of, self.wiring_of = self._node_hosts.hosts_of, self._node_hosts.wiring
         self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node, its latest links; none of a replaced node
         nodes = () if expected is not None else tuple(range(topologies.parse(topology).cells))
         self._scheduler = Scheduler(

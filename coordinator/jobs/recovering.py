@@ -46,8 +46,7 @@ class Recovering:
         job, epoch = self._job, self._job.epoch
         if epoch.file.run.mode != "lockstep" or not job.epochs.settled:
             return False
-        # A process on another host could not use the links of this epoch. (Of a job that was taken over the hosts are
-        # not known.)
+        # A process on another host could not use the links of this epoch.
         if job.dispatch.hosts_of(job.nodes) != epoch.wiring.hosts:
             return False
         kept = self.kept_states()

@@ -43,12 +43,14 @@ class Replacing:
     def take_over(self, placement: Placement) -> None:
         """Continue a job that the previous coordinator left running; begin it again if none of its nodes is left."""
         job = self._job
-        # The wiring's number is enough: nodes that have its links keep them.
+        # The wiring's number is enough at first: nodes that have its links keep them.
         epoch = Epoch(placement.epoch, placement.file, Wiring(placement.wiring, placement.nodes), why=placement.why)
         job.epochs.take_over(epoch)
         job.lived_before = _lived_before(placement.past)
         job.best = job.answer_for(epoch)
         epoch.dead = set(range(epoch.cells)) - self._present_cells(epoch)
+        # Not before: hosts may have been out of reach. New processes need to know where the others are.
+        epoch.wiring = job.dispatch.wiring_of(placement.wiring, placement.nodes)
         self._spy_is_new = True  # it may have been replaced while there was no coordinator
         self._replace_the_dead()
         if job.epoch is epoch:  # else a new epoch has begun without the dead, and reports are asked for already

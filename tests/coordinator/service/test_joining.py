@@ -41,6 +41,15 @@ def nodes(client):
     return {node["node"]: node["process"] for node in client.status()["nodes"]}
 
 
+def went_on(client, job):
+    """The cells that went on exactly, by the log, which must not say that another one could not."""
+    told = client.logs(job.id)
+    texts = [row[told["columns"].index("text")] for row in told["rows"]]
+    assert not [text for text in texts if "cannot go on" in text or "another epoch" in text]
+    lines = [text for text in texts if text.startswith("new processes go on where the dead ones were: cells ")]
+    return {int(cell) for line in lines for cell in line.rpartition("cells ")[2].split(", ")}
+
+
 def routed(cluster):
     """The nodes that hear others through the router, or publish there for the spy."""
     with contextlib.closing(sessions.client(cluster.endpoint)) as session:
@@ -117,6 +126,31 @@ def test_nodes_and_hosts_come_and_go():
             check(client.submit(problem("ring 5")).result(60), problem("ring 5"))
         for name in ("one", "three", "coordinator"):
             assert cluster.kill(name, signal.SIGTERM) == 0
+
+
+@pytest.mark.parametrize("listens", [False, True], ids=["by the router", "direct"])
+def test_after_a_takeover_a_dead_cell_goes_on_exactly(listens):
+    file = problem("torus 2x4", generations=None, seconds=60.0)
+    with places(8) as cluster:
+        for number, name in enumerate(("upper", "lower")):
+            address = f"tcp/127.0.0.{number + 2}:{free_port()}"
+            cluster.host(name, 4, **({"LISTEN": address} if listens else {}))
+        with cluster.client() as client:
+            job = client.submit(file)
+            until(lambda: job.state() == "running")
+            cluster.kill("coordinator")
+            cluster.start("coordinator", NODES=8, STATE=cluster.folder)
+            until(lambda: job.state() == "running")
+            until(lambda: len(nodes(client)) == 8)
+            for node in (1, 6):
+                before = nodes(client)[node]
+                os.kill(before, signal.SIGKILL)
+                until(lambda node=node, before=before: nodes(client).get(node) not in (None, before))
+            until(lambda: len(went_on(client, job)) == 2)
+            job.cancel()
+            result = job.result(60)
+    assert [each["do"] for each in result.directives] == ["stop"]
+    assert epochs.history(replay(file, result.directives)) == result.history_sha256
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "async"])
