@@ -9,7 +9,6 @@ from wire.control import Wiring
 from wire.hosts import Host
 
 PORTS = 4  # that a node uses in turn: the links of old wirings are still open when those of a new one are made
-_KEPT = 3  # wirings whose links may be open: those of the present epoch, of the one before, and of one not begun
 
 
 @dataclass
@@ -32,7 +31,10 @@ class NodeHosts:
 
     def __init__(self) -> None:
         self._node_hosts: dict[int, _NodeHost] = {}
-        self._begun: dict[int, tuple[int, ...]] = {}  # the wirings of a node's latest epochs, also if it is gone
+        # By node, also if it is gone: the wirings of its latest two epochs, those that it told, and those made for it.
+        self._begun: dict[int, tuple[int, ...]] = {}
+        self._told: dict[int, tuple[int, ...]] = {}
+        self._made: dict[int, tuple[int, ...]] = {}
 
     def move_in(self, host: Host) -> None:
         """Note the nodes of a host."""
@@ -60,21 +62,31 @@ class NodeHosts:
 
         The number decides at which port each node listens. At the port of an old wiring its old links may be open
         still, also if the node was given up and is back: a neighbour that dials it would take them for the new ones.
+        Links of a wiring with which no epoch has begun are closed only when the next one is prepared. So, of the ports
+        that are free otherwise, the one that was used longest ago is taken.
         """
         ahead = list(itertools.islice(numbers, PORTS))
-        taken = Counter(number % PORTS for node in nodes for number in self._begun.get(node, ()))
-        return min(ahead, key=lambda number: taken[number % PORTS])
+        taken = Counter(each % PORTS for node in nodes for each in self._open_of(node))
+        latest = {each % PORTS: each for each in sorted(each for node in nodes for each in self._made.get(node, ()))}
+        number = min(ahead, key=lambda number: (taken[number % PORTS], latest.get(number % PORTS, -1)))
+        for node in nodes:
+            self._made[node] = (*self._made.get(node, ()), number)[-PORTS:]
+        return number
+
+    def _open_of(self, node: int) -> set[int]:
+        return {*self._begun.get(node, ()), *self._told.get(node, ())}
 
     def begun(self, number: int, nodes: tuple[int, ...]) -> None:
         """Note that an epoch begins with a wiring. A node closes the links of one that was given up by itself."""
         for node in nodes:
             before = self._begun.get(node, ())
             if number not in before[-1:]:
-                self._begun[node] = (*before, number)[-_KEPT:]
+                self._begun[node] = (*before, number)[-2:]
+                self._told.pop(node, None)
 
     def open_links(self, node: int, wirings: Iterable[int]) -> None:
         """Note the wirings whose links a node has, the latest last, as the node tells it."""
-        self._begun[node] = tuple(wirings)
+        self._told[node] = tuple(wirings)
 
     def taken_over(self, number: int, nodes: tuple[int, ...]) -> Wiring:
         """Return the wiring with which an epoch has begun under the previous coordinator."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import topologies
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.calls import ASK_AGAIN, ReplacedError, Reported
+from coordinator.jobs.calls import ASK_AGAIN, RefusedError, ReplacedError, Reported
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement, Replaced, Returned
@@ -22,6 +22,7 @@ _PRESENT_WITHIN = 150.0  # seconds; by default a host may be out of reach for al
 _LONGEST_PAUSE = 1.0  # seconds between questions for nodes that are out of reach
 _HALTED_WITHIN = 150.0  # seconds; a host may be out of reach for almost as long
 _EXACT_WITHIN = 15.0  # seconds for which exact recovery is begun again while more and more processes die
+_MOST_REFUSALS = 2  # of an epoch without the dead, such as by a link that does not come up; the next one has new links
 
 
 class Replacing:
@@ -116,8 +117,8 @@ class Replacing:
             job.epoch.dead.add(job.epoch.wiring.nodes.index(node))
 
     def _replace_the_dead(self) -> None:
-        """Bring the new processes into the job; repeat if another one dies meanwhile."""
-        exact_until = time.monotonic() + _EXACT_WITHIN
+        """Bring the new processes into the job; repeat if another one dies meanwhile, or one refuses."""
+        exact_until, refusals = time.monotonic() + _EXACT_WITHIN, 0
         while self._spy_is_new or self._job.epoch.dead or self._is_moving:
             try:
                 if not (self._job.epoch.dead or self._is_moving):
@@ -128,6 +129,11 @@ class Replacing:
                     self._spy_is_new = False
             except ReplacedError as another:
                 self._mark_dead(another.node, goes_on=bool(self._job.epoch.dead) or self._is_moving)
+            except RefusedError as refused:
+                refusals += 1
+                if refusals > _MOST_REFUSALS:
+                    raise
+                self._job.entry.spec.say(f"the new epoch is prepared once more: {refused}")
 
     def _go_on_without_the_dead(self) -> None:
         """Halt the other cells and begin an epoch in which each new node starts with the deme of a neighbour.

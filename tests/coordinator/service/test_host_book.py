@@ -329,11 +329,22 @@ def test_a_node_does_not_listen_where_its_old_links_may_be_open(given_up):
         if turn == 10:  # it counts as gone, and is back with its old processes
             node_hosts.leave(host.nodes)
             node_hosts.move_in(host)
-        for _ in range(given_up):  # wirings that no epoch begins with, since processes die
+        closing = []
+        for _ in range(given_up + 1):  # with the last one an epoch begins; the others are given up, since processes die
             made = node_hosts.wiring(node_hosts.number(numbers, nodes), nodes)
-            assert made.number % PORTS not in open_ports
-        made = node_hosts.wiring(node_hosts.number(numbers, nodes), nodes)
-        assert made.number % PORTS not in open_ports
+            assert made.number % PORTS not in open_ports + closing
+            closing = [made.number % PORTS]  # until a node has got the next one
         node_hosts.begun(made.number, nodes)
         open_ports = [*open_ports[-1:], made.number % PORTS]
         node_hosts.number(numbers, (2,))  # other jobs take numbers too
+
+
+def test_a_node_does_not_listen_at_ports_that_it_has_told():
+    node_hosts, numbers, nodes = NodeHosts(), count(100), (0, 1)
+    node_hosts.taken_over(41, nodes)
+    for node in nodes:
+        node_hosts.open_links(node, (40, 41, 43))
+    for _ in range(3):  # the coordinator gives up what it prepares
+        assert node_hosts.number(numbers, nodes) % PORTS == 42 % PORTS
+    node_hosts.begun(102, nodes)
+    assert {node_hosts.number(numbers, nodes) % PORTS for _ in range(3)} == {40 % PORTS, 43 % PORTS}
