@@ -8,10 +8,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from pyroute2 import IPRoute
+
 from benchmarks.relay import tap
 from coordinator.threads import begin_again_with_one_thread
 from lowlevel.namespaces import own_network
-from supernode.chaos.netlink import Netlink
 from supernode.chaos.network import END, Network
 
 
@@ -46,7 +47,7 @@ class Namespaces(Network):
         user, system = stat.rpartition(")")[2].split()[11:13]
         return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
-    def _switch(self, links: Netlink, namespaces: Sequence[int]) -> None:
+    def _switch(self, links: IPRoute, namespaces: Sequence[int]) -> None:
         if self._wanted is None:
             super()._switch(links, namespaces)
             return

@@ -5,16 +5,18 @@ is cut off notices nothing: what it sends, and what is sent to it, is lost. The 
 is in them or holds them, however that ends, and all interfaces with them.
 """
 
+import contextlib
 import ipaddress
 import os
 import subprocess
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Self
 
+from pyroute2 import IPRoute, NetlinkError
+
 from lowlevel.namespaces import further_network, go_to_network, own_network
-from supernode.chaos.netlink import Netlink
 
 MOST_HOSTS = 1000  # a bridge has 1,024 ports
 _FIRST, _PREFIX = ipaddress.IPv4Address("10.77.0.1"), 16
@@ -50,8 +52,8 @@ class Network:
         self._namespaces: list[int] = []
         try:
             self._namespaces += (further_network() for _ in range(hosts))
-            with Netlink() as links:
-                links.set_up("lo")
+            with _links() as links:
+                _set_up(links, "lo")
                 self._switch(links, self._namespaces)
             for host, address in enumerate(self.addresses):
                 self.within(host, partial(_connect, address))
@@ -59,12 +61,14 @@ class Network:
             self.close()
             raise
 
-    def _switch(self, links: Netlink, namespaces: Sequence[int]) -> None:
+    def _switch(self, links: IPRoute, namespaces: Sequence[int]) -> None:
         """Make the switch, and an interface `END` of each host that leads to it."""
-        links.add_bridge(_BRIDGE)
-        links.add_address(_BRIDGE, self.hub, _PREFIX)
+        links.link("add", ifname=_BRIDGE, kind="bridge")
+        _set_up(links, _BRIDGE, self.hub)
         for host, namespace in enumerate(namespaces):
-            links.add_cable(_port(host), _BRIDGE, namespace, END)
+            links.link("add", ifname=_port(host), kind="veth", peer={"ifname": END, "net_ns_fd": namespace})
+            _set_up(links, _port(host))
+            _plug(links, host, on=True)
 
     def __enter__(self) -> Self:
         return self
@@ -129,8 +133,8 @@ class Network:
 
     def _apply(self, host: int) -> None:
         """Have the switch pass on what comes from and goes to a host, or not, by its cuts."""
-        with Netlink() as links:
-            links.forward(_port(host), on=not self._cuts[host])
+        with _links() as links:
+            _plug(links, host, on=not self._cuts[host])
 
     def close(self) -> None:
         """Let the hosts go; processes that are still there keep their namespaces."""
@@ -144,7 +148,38 @@ def _port(host: int) -> str:
 
 
 def _connect(address: str) -> None:
-    with Netlink() as links:
-        links.set_up("lo")
-        links.add_address(END, address, _PREFIX)
-        links.set_up(END)
+    with _links() as links:
+        _set_up(links, "lo")
+        _set_up(links, END, address)
+
+
+@contextlib.contextmanager
+def _links() -> Iterator[IPRoute]:
+    """Yield what changes the interfaces of the network namespace of this thread.
+
+    Raises:
+        OSError: if the kernel refuses.
+    """
+    try:
+        with IPRoute() as links:
+            yield links
+    except NetlinkError as error:
+        raise OSError(error.code, os.strerror(error.code)) from error
+
+
+def _plug(links: IPRoute, host: int, *, on: bool) -> None:
+    """Plug a host's cable into the switch, or pull it out there; the host's end of it stays up."""
+    links.link("set", index=_number(links, _port(host)), master=_number(links, _BRIDGE) if on else 0)
+
+
+def _number(links: IPRoute, name: str) -> int:
+    (found,) = links.link_lookup(ifname=name)
+    return int(found)
+
+
+def _set_up(links: IPRoute, name: str, address: str | None = None) -> None:
+    """Let an interface send and receive, by this address if one is given."""
+    number = _number(links, name)
+    if address is not None:
+        links.addr("add", index=number, address=address, prefixlen=_PREFIX)
+    links.link("set", index=number, state="up")

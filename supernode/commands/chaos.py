@@ -107,10 +107,7 @@ def _try(options: argparse.Namespace) -> int:
     if options.full_disk is not None and options.full_disk >= options.length:
         raise BadInput(f"--full-disk: expected less than --for, {options.length:g}, found {options.full_disk:g}")
     from coordinator.threads import begin_again_with_one_thread
-    from supernode.chaos.network import MOST_HOSTS
 
-    if options.hosts is not None and not 1 <= options.hosts <= MOST_HOSTS:
-        raise BadInput(f"--hosts: expected 1 to {MOST_HOSTS}, found {options.hosts}")
     begin_again_with_one_thread()  # since numpy was read with the arguments
     with contextlib.ExitStack() as stack:
         network = None if options.hosts is None else stack.enter_context(_network(options.hosts))
@@ -124,9 +121,16 @@ def _network(hosts: int) -> "Network":
     Raises:
         BadInput: if this system or this user can have none.
     """
-    from problems.errors import BadInput
-    from supernode.chaos.network import Network
+    import importlib.util
 
+    from problems.errors import BadInput
+
+    if importlib.util.find_spec("pyroute2") is None:
+        raise BadInput("chaos --hosts: expected pyroute2 to be installed: pip install 'supernode[chaos]'")
+    from supernode.chaos.network import MOST_HOSTS, Network
+
+    if not 1 <= hosts <= MOST_HOSTS:
+        raise BadInput(f"--hosts: expected 1 to {MOST_HOSTS}, found {hosts}")
     try:
         return Network(hosts)
     except OSError as error:
