@@ -311,8 +311,8 @@ BUGS = (
     Bug(
         "a node listens where its old links are open",
         "coordinator.jobs.node_hosts",
-        "        return min(ahead, key=lambda number: taken[number % PORTS])",
-        "        return max(ahead, key=lambda number: taken[number % PORTS])",
+        "        number = min(ahead, key=lambda number: (taken[number % PORTS], latest.get(number % PORTS, -1)))",
+        "        number = max(ahead, key=lambda number: taken[number % PORTS])",
     ),
     Bug(
         "a node that dies while halted cells move is not marked as dead",
