@@ -64,7 +64,7 @@ class Namespaces(Network):
             super()._apply(host)
             return
         assert self._relay.stdin is not None
-        self._relay.stdin.write(f"cut {host}\n" if self._cuts[host] else "heal\n")
+        self._relay.stdin.write(f"{'cut' if self._cuts[host] else 'join'} {host}\n")
         self._relay.stdin.flush()
 
     def close(self) -> None:

@@ -3,7 +3,7 @@
 Usage: python -m benchmarks.relay DELAY LOSS TAP TAP ...  (started by `benchmarks.namespaces`)
 
 It is given the descriptor of a TAP device of each host, and passes frames on until its standard input ends. A line
-``cut NUMBER`` there cuts a host off, and ``heal`` ends that. Linux's netem would do the same in the kernel, but
+``cut NUMBER`` there cuts a host off, and ``join NUMBER`` ends that. Linux's netem would do the same in the kernel, but
 not every kernel has it.
 """
 
@@ -58,7 +58,10 @@ class Relay:
 
     def _obey(self, line: str) -> bool:
         word, _, number = line.strip().partition(" ")
-        self._cut = {self._taps[int(number)]} if word == "cut" else set()
+        if word == "cut":
+            self._cut.add(self._taps[int(number)])
+        elif word == "join":
+            self._cut.discard(self._taps[int(number)])
         return bool(line)
 
     def _take(self, tap: int) -> None:

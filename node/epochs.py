@@ -3,6 +3,7 @@
 import contextlib
 import json
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import zenoh
@@ -47,6 +48,8 @@ class Epochs:
         self._driver = driver
         self._telemetry = telemetry
         self._suspects = Suspects(config.folder, config.node, config.crash, config.limits, self._tell_of_suspects)
+        # A context in which the code of the latest prepared problem runs, see `node.suspects.Watch.making`.
+        self._making: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
         # The latest command that makes links prepared for an earlier one useless; the network thread writes it while
         # the main thread may be waiting for neighbours in `Links`.
         self._order: Prepare | Halt | Drop | TellStates | None = None
@@ -140,8 +143,8 @@ class Epochs:
         try:
             file = self._config.modules.read(command.file)
             watch = self._suspects.of(command.job, file)
-            making = watch.making if registry.is_users_own(file.kind) else contextlib.nullcontext
-            with making():
+            self._making = watch.making if registry.is_users_own(file.kind) else contextlib.nullcontext
+            with self._making():
                 plan = Plan.of(file, command.epoch, command.since or 0, checked=True, protection=watch)
             # The deme must fit the new epoch's genomes. Of a user's own problem the coordinator cannot check that,
             # since it does not import the user's module.
@@ -149,7 +152,7 @@ class Epochs:
                 file.keep_coding(self._driver.assignment.cell.plan.coding, plan.coding)
             links = self._linked(plan.topology, command.wiring, command)
             waits = goes_on or command.deme or command.takeover is not None
-            with making():
+            with self._making():
                 cell = None if waits else Cell(plan, links.cell, command.job)
         except BadInput as error:
             return Refused(str(error), "input")
@@ -228,7 +231,9 @@ class Epochs:
         genomes = plan.deme_of(coming.deme) if coming.deme else None
         if before is not None and genomes is None and not coming.fresh and coming.takeover is None:
             genomes = before.cell.rows.genomes[0]
-        assignment = Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
+        with self._making():
+            cell = Cell(plan, coming.links.cell, coming.job)
+        assignment = Assignment(cell, coming.links, coming.news)
         self._drop_past()  # kept until now: neighbours and coordinator may have asked how it ended
         self.past = before
         self._enter(assignment)

@@ -7,6 +7,7 @@ fork, and a user's module is imported once.
 """
 
 import json
+import mmap
 import os
 import signal
 import struct
@@ -29,11 +30,12 @@ _ANSWER = struct.Struct("<cq")  # what follows, and its bytes
 _READY = b"r"  # nothing: the problem has been made
 _EVALUATED = b"e"  # fitness, then the genomes, which the problem may have changed
 _FAILED = b"f"  # the message of an `EvaluationFailed`
-_DIED = b"d"  # the signal's name
+_DIED = b"d"  # the signal's name, or "exit"
+_MOST_STARTS = 3  # for one request: a process may be killed from outside, or crash between two requests
 
 
 class WorkerDiedError(Exception):
-    """The process that evaluated individuals has died of it; the text is the signal's name, such as "SIGSEGV"."""
+    """The process that evaluated individuals has died of it; the text is the signal's name, or "exit"."""
 
 
 class EvaluationProcess:
@@ -58,17 +60,14 @@ class EvaluationProcess:
             EvaluationFailed: as `problems.guard.evaluated` does, or if there is no process to evaluate in.
             WorkerDiedError: if it ends its process.
         """
-        process = self._process or self._start()
-        assert process.stdin is not None
-        assert process.stdout is not None
-        try:
-            process.stdin.write(_REQUEST.pack(*genomes.shape) + genomes.tobytes())
-            process.stdin.flush()
-            kind, size = _ANSWER.unpack(process.stdout.read(_ANSWER.size))
-            answer = process.stdout.read(size)
-        except (OSError, struct.error):  # the whole process has ended
-            self._drop()
-            raise WorkerDiedError("its process ended") from None
+        for _ in range(_MOST_STARTS):
+            try:
+                kind, answer = self._asked(_REQUEST.pack(*genomes.shape) + genomes.tobytes())
+                break
+            except OSError:  # the whole process has ended, by something else than these genomes
+                self._drop()
+        else:
+            raise WorkerDiedError("SIGKILL")
         if kind == _DIED:
             raise WorkerDiedError(answer.decode())
         if kind == _FAILED:
@@ -76,6 +75,25 @@ class EvaluationProcess:
         fitness = np.frombuffer(answer, np.float64, len(genomes)).copy()
         genomes[:] = np.frombuffer(answer, np.uint8, genomes.size, fitness.nbytes).reshape(genomes.shape)
         return fitness
+
+    def _asked(self, request: bytes) -> tuple[bytes, bytes]:
+        """Send a request, and return the kind of the answer and the answer.
+
+        Raises:
+            EvaluationFailed: if there is no process to ask.
+            OSError: if it has ended.
+        """
+        process = self._process or self._start()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(request)
+        process.stdin.flush()
+        head = process.stdout.read(_ANSWER.size)
+        kind, size = _ANSWER.unpack(head) if len(head) == _ANSWER.size else (b"", 1)
+        answer = process.stdout.read(size)
+        if len(answer) != size:
+            raise BrokenPipeError
+        return kind, answer
 
     def _start(self) -> "subprocess.Popen[bytes]":
         """Start the process, and wait until it has made the problem.
@@ -117,33 +135,39 @@ def main() -> None:
     (size,) = struct.unpack("<q", _read(8))
     file, *limits = json.loads(_read(size))
     problem, limited = ProblemFile.from_json(file).problem(checked=True).for_cell(), EvaluationLimits(*limits)
+    is_busy = mmap.mmap(-1, 1)  # shared with workers: 1 from when a request has been read until it is answered
     _write(answers, _READY, b"")
     while True:
         parent = os.getpid()
         worker = os.fork()
         if worker == 0:
             linux.end_with_parent(parent)
-            _serve(partial(evaluated, problem), limited, answers)
+            _serve(partial(evaluated, problem), limited, answers, is_busy)
         _, status = os.waitpid(worker, 0)
-        # A worker that SIGKILL ends may have read a part of a request; one that exits had no more to read, or was
-        # told to by the user's code.
-        if not os.WIFSIGNALED(status) or os.WTERMSIG(status) == signal.SIGKILL:
+        crash = signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else "exit"
+        # The genomes are to blame only if they were evaluated. SIGKILL comes from outside. A worker that has died at
+        # another time may have read a part of a request, so all begins anew; or there are no more requests.
+        if not is_busy[0] or crash == "SIGKILL":
             os._exit(1)
-        _write(answers, _DIED, signal.Signals(os.WTERMSIG(status)).name.encode())
+        is_busy[0] = 0
+        _write(answers, _DIED, crash.encode())
 
 
-def _serve(evaluate: Evaluate, limits: EvaluationLimits, answers: int) -> None:
+def _serve(evaluate: Evaluate, limits: EvaluationLimits, answers: int, is_busy: mmap.mmap) -> None:
     """Answer requests until there are no more, and exit."""
     limits.apply()
     while True:
         count, size = _REQUEST.unpack(_read(_REQUEST.size))
         genomes = np.frombuffer(bytearray(_read(count * size)), np.uint8).reshape(count, size)
+        is_busy[0] = 1
         try:
             fitness = limits.evaluate(evaluate, genomes)
         except EvaluationFailed as error:
-            _write(answers, _FAILED, str(error).encode())
+            kind, answer = _FAILED, str(error).encode()
         else:
-            _write(answers, _EVALUATED, fitness.tobytes() + genomes.tobytes())
+            kind, answer = _EVALUATED, fitness.tobytes() + genomes.tobytes()
+        is_busy[0] = 0
+        _write(answers, kind, answer)
 
 
 def _read(size: int) -> bytes:

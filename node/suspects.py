@@ -93,7 +93,7 @@ class Suspects:
         node: the node's number.
         crash: the signal by which the process before this one crashed; "" if it did not.
         limits: what an evaluation may take.
-        tell: called when there are `news`, on the thread that evaluates.
+        tell: called when there are lines for the log (`news`), on the thread that evaluates.
 
     Attributes:
         deaths: how many processes each suspected genome has killed, by problem and genome.
@@ -128,6 +128,7 @@ class Suspects:
     def _turn_to(self, job: int) -> None:
         if job != self._job:
             self._job = job
+            self._notes.unlink(missing_ok=True)
             self.has_crashed = False
             self.deaths.clear()
             self.infeasible.clear()
@@ -179,7 +180,7 @@ class Suspects:
         except FileNotFoundError:
             return
         job, count, size, problem = _HEAD.unpack_from(marked)
-        if count == _OTHER_CODE:
+        if count <= 0:  # no evaluation
             return
         self._turn_to(job)
         self.has_crashed = True

@@ -22,7 +22,7 @@ _PRESENT_WITHIN = 150.0  # seconds; by default a host may be out of reach for al
 _LONGEST_PAUSE = 1.0  # seconds between questions for nodes that are out of reach
 _HALTED_WITHIN = 150.0  # seconds; a host may be out of reach for almost as long
 _EXACT_WITHIN = 15.0  # seconds for which exact recovery is begun again while more and more processes die
-_MOST_REFUSALS = 2  # of an epoch without the dead, such as by a link that does not come up; the next one has new links
+_MOST_REFUSALS = 2  # such as by a node whose links do not come up; the next time it gets new ones
 
 
 class Replacing:
@@ -133,7 +133,7 @@ class Replacing:
                 refusals += 1
                 if refusals > _MOST_REFUSALS:
                     raise
-                self._job.entry.spec.say(f"the new epoch is prepared once more: {refused}")
+                self._job.entry.spec.say(f"the dead are replaced once more, since this was refused: {refused}")
 
     def _go_on_without_the_dead(self) -> None:
         """Halt the other cells and begin an epoch in which each new node starts with the deme of a neighbour.

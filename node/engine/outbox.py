@@ -9,12 +9,12 @@ import numpy as np
 from node.engine.ring import Ring, arrays
 from node.engine.state_size import LEAST_DISTANCE
 
-BYTES = 7 << 10
+_BYTES = 8 << 10
 """Room for messages, unless fewer than `_AT_LEAST` of the longest ones fit in."""
 
-_AT_LEAST = 8
+_AT_LEAST = 16  # then four messages may lie between two states
 _MOST_MESSAGES = 100
-_SPARE = 4  # messages beyond those back to the third last state: a neighbour may be ahead, and sizes differ a little
+_SPARE = 2  # messages beyond those back to the third last state: a neighbour may be ahead
 _STATE_SECONDS = 0.25  # from one state to the next, or sooner if the outbox is small
 
 
@@ -30,7 +30,8 @@ class Outbox(Ring):
     """
 
     def __init__(self, most_bytes: int, most_bytes_with_state: int) -> None:
-        super().__init__(*(each[0] for each in arrays(1, max(BYTES, _AT_LEAST * most_bytes), _MOST_MESSAGES)))
+        self._most_bytes = most_bytes
+        super().__init__(*(each[0] for each in arrays(1, max(_BYTES, _AT_LEAST * most_bytes), _MOST_MESSAGES)))
         self.with_state = np.empty(most_bytes_with_state, np.uint8)
 
     def since(self, generation: int) -> list[bytes]:
@@ -52,8 +53,11 @@ class Outbox(Ring):
 
     @property
     def most_messages(self) -> int:
-        """How many messages it keeps if they are as long as the latest one."""
-        return min(len(self.entries), len(self.room) // max(1, self.latest_size))
+        """How many messages it keeps at least if they are as long as the latest one.
+
+        Room for the longest one is made before each is written, and as much may be left over at the end of the room.
+        """
+        return min(len(self.entries), (len(self.room) - 2 * self._most_bytes) // max(1, self.latest_size))
 
     @property
     def oldest(self) -> int | None:

@@ -43,10 +43,10 @@ class HostedCluster(KeptAliveCluster):
     ) -> None:
         check_programs("--hosts")
         capacity.check(nodes, force=force)
+        self._network, self._shares = network, shares(nodes, network.hosts)
         connect = f"tcp/{network.hub}:{_ROUTER_PORT}"
         super().__init__(nodes, [connect], connect, modules=modules)
         self._options = ("--state", str(state or Path(self._folder.name) / "state"))
-        self._network, self._shares = network, shares(nodes, network.hosts)
         self._modules_folder = folder if modules else None
         self._force = ("--force",) if force else ()
         self._start()

@@ -88,15 +88,15 @@ class Network:
         """Call a function on a host, by a thread of its own; return when it has ended.
 
         Raises:
-            OSError: if it does.
+            OSError: if the system refuses; or whatever the function raises.
         """
-        errors: list[OSError] = []
+        errors: list[BaseException] = []
 
         def work() -> None:
             try:
                 self.enter(host)
                 do()
-            except OSError as error:
+            except BaseException as error:
                 errors.append(error)
 
         thread = threading.Thread(target=work, name=f"on host {host}")

@@ -106,6 +106,8 @@ def _try(options: argparse.Namespace) -> int:
         return _try_on(options)
     if options.full_disk is not None and options.full_disk >= options.length:
         raise BadInput(f"--full-disk: expected less than --for, {options.length:g}, found {options.full_disk:g}")
+    if options.hosts is not None:
+        _check_hosts(options.hosts)
     from coordinator.threads import begin_again_with_one_thread
 
     begin_again_with_one_thread()  # since numpy was read with the arguments
@@ -115,26 +117,34 @@ def _try(options: argparse.Namespace) -> int:
         return _try_on(options, disk, network)
 
 
-def _network(hosts: int) -> "Network":
-    """Return so many hosts for the nodes.
-
-    Raises:
-        BadInput: if this system or this user can have none.
-    """
+def _check_hosts(hosts: int) -> None:
+    """Raise `BadInput` unless there can be so many hosts for the nodes, and what makes their network is installed."""
     import importlib.util
 
     from problems.errors import BadInput
 
     if importlib.util.find_spec("pyroute2") is None:
         raise BadInput("chaos --hosts: expected pyroute2 to be installed: pip install 'supernode[chaos]'")
-    from supernode.chaos.network import MOST_HOSTS, Network
+    from supernode.chaos.network import MOST_HOSTS
 
     if not 1 <= hosts <= MOST_HOSTS:
         raise BadInput(f"--hosts: expected 1 to {MOST_HOSTS}, found {hosts}")
+
+
+def _network(hosts: int) -> "Network":
+    """Return so many hosts for the nodes.
+
+    Raises:
+        BadInput: if this system or this user can have none.
+    """
+    from problems.errors import BadInput
+    from supernode.chaos.network import Network
+
     try:
         return Network(hosts)
     except OSError as error:
-        mend = "run it as root, or where users may make user namespaces; the kernel needs its modules bridge and veth"
+        mend = "let users make user namespaces (sysctl user.max_user_namespaces, a container's profile), and the kernel"
+        mend += " load its modules bridge and veth"
         raise BadInput(
             f"--hosts: expected the right to make networks within this machine, found {error.strerror!r}; {mend}"
         ) from None

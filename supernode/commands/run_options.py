@@ -169,7 +169,7 @@ def positive(text: str) -> float:
 
 
 def size(text: str) -> int:
-    """Parse the value of an option: bytes, such as 500M or 2G; 1M at least, since fewer are meant in another unit."""
+    """Parse the value of an option: bytes, such as 500M or 2G; 1M at least: fewer are meant in another unit."""
     units = {"k": 10, "m": 20, "g": 30, "t": 40}
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([kmgt]?)b?", text.strip().lower())
     bytes_ = 0 if found is None else int(float(found[1]) * (1 << units.get(found[2], 0)))

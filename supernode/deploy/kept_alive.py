@@ -38,7 +38,7 @@ class KeptAlive:
         folder: the process's working directory; None for this one's.
 
     Attributes:
-        died_with: the status that it ended with last; None if it has not.
+        died_with: the status that it ended with last, or in words why it could not be started; None if neither.
         is_over: whether it is not started again.
     """
 
@@ -59,7 +59,7 @@ class KeptAlive:
         self._secret = secret
         self._ending = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
-        self.died_with: int | None = None
+        self.died_with: int | str | None = None
         self.is_over = False
         # Not a daemon: `--pdeathsig` is a matter of the thread that starts the process, which lives as long as that.
         self._thread = threading.Thread(target=self._keep, name=f"keeper of {command[0]}")
@@ -72,7 +72,13 @@ class KeptAlive:
         return None if process is None or process.returncode is not None else process.pid
 
     def _keep(self) -> None:
-        self._enter()
+        try:
+            self._enter()
+            self._start_again_and_again()
+        except OSError as error:
+            self.died_with = f"{error.strerror}, when it was started"
+
+    def _start_again_and_again(self) -> None:
         pause = self._pause
         while not self._ending.is_set():
             began = time.monotonic()

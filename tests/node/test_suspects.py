@@ -4,6 +4,7 @@ import ctypes
 import faulthandler
 import os
 import signal
+import threading
 import time
 from itertools import count
 from pathlib import Path
@@ -61,6 +62,14 @@ class Leaving(Deadly):
     def evaluate(self, genomes):
         if (genomes == DEADLY).any():
             os._exit(int(self.harm))
+        return genomes[:, 0].astype(float)
+
+
+class CrashingLater(Deadly):
+    """Its process crashes a moment after each evaluation."""
+
+    def evaluate(self, genomes):
+        threading.Timer(0.1, crash).start()
         return genomes[:, 0].astype(float)
 
 
@@ -184,6 +193,20 @@ def test_code_that_ends_its_process_is_deadly_too(tmp_path, status):
     live(tmp_path, Deadly(harm="crash"))
     problem = Leaving(harm=str(status))
     assert watch(tmp_path, problem, "SIGSEGV").guard(problem)(GENOMES.copy()).tolist() == [1.0, np.inf, 3.0]
+
+
+def test_code_that_crashes_later_makes_nobody_suspect_and_answers_stay_right(tmp_path):
+    live(tmp_path, Deadly(harm="crash"))
+    problem = CrashingLater(harm="")
+    its = watch(tmp_path, problem, "SIGSEGV")
+    evaluate = its.guard(problem)
+    for first in range(10, 14):
+        genomes = np.array([[first], [first + 10]], np.uint8)
+        assert evaluate(genomes.copy()).tolist() == [first, first + 10]
+        (process,) = children_of(os.getpid())
+        while Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+            time.sleep(0.01)
+    assert its.infeasible == ()
 
 
 def test_a_failure_is_no_death(tmp_path):

@@ -6,18 +6,19 @@ import pytest
 from lowlevel.compiled import kernel
 from node.engine import ring
 from node.engine.outbox import Outbox
+from wire.limits import most_bytes
 
 
-@kernel("void(uint8[::1], int64[:, ::1], int64[::1], uint8[::1], int64)")
-def write(room, entries, marks, message, generation):
-    start = ring.begin(room, entries, marks, message.size)
+@kernel("void(uint8[::1], int64[:, ::1], int64[::1], uint8[::1], int64, int64)")
+def write(room, entries, marks, message, most, generation):
+    start = ring.begin(room, entries, marks, most)
     room[start : start + message.size] = message
     ring.end(entries, marks, start, message.size, generation)
 
 
-def put(outbox, generation, message):
+def put(outbox, generation, message, most=100):
     """As compiled generations do."""
-    write(outbox.room, outbox.entries, outbox.marks, np.frombuffer(bytearray(message), np.uint8), generation)
+    write(outbox.room, outbox.entries, outbox.marks, np.frombuffer(bytearray(message), np.uint8), most, generation)
 
 
 def test_before_the_first_message_there_is_none():
@@ -41,10 +42,16 @@ def test_a_message_that_is_published_again_counts_once():
     assert outbox.since(3) == [b"\3", b"\4", b"\5"]
 
 
-@pytest.mark.parametrize("size", [10, 100, 1000])
-def test_it_keeps_as_many_as_it_says(size):
-    outbox = Outbox(size, size)
-    for generation in range(1000):
-        put(outbox, generation, bytes(size))
-    kept = len(outbox.since(outbox.oldest))
-    assert outbox.most_messages - 2 <= kept <= min(100, len(outbox.room) // size)
+@pytest.mark.parametrize("emigrants", [1, 4])
+@pytest.mark.parametrize("genome", [1, 8, 16, 80, 100, 242, 399, 2000])
+def test_it_reaches_back_to_the_third_last_state(genome, emigrants):
+    most = most_bytes(genome, emigrants)
+    for size in (most, most - 100, most - 200, 20 + (emigrants + 1) * genome, 20 + emigrants * genome):
+        outbox = Outbox(most, most)
+        for generation in range(400):
+            put(outbox, generation, bytes(size), most)
+            if generation > 100:
+                distance = outbox.messages_between_states(seconds=1e-6)
+                kept = len(outbox.since(outbox.oldest))
+                assert distance in (4, 8, 16, 32)
+                assert kept >= max(outbox.most_messages, 3 * distance + 2)

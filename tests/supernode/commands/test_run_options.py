@@ -55,7 +55,7 @@ def test_a_wrong_torus_is_blamed_on_its_option(capsys):
     assert "argument --torus: expected rows and columns such as \"4x4\", found '4y4'" in capsys.readouterr().err
 
 
-def test_a_size_has_a_unit():
+def test_a_size_is_1m_at_least():
     assert [size(text) for text in ("500M", "2g", "1.5GB", "1048576")] == [500 << 20, 2 << 30, 3 << 29, 1 << 20]
     for text in ("512", "1000K", "0G", "-1M", "much"):
         with pytest.raises(argparse.ArgumentTypeError, match=f"500M or 2G, 1M at least, found {text}"):
