@@ -21,6 +21,7 @@ from lowlevel.namespaces import further_network, go_to_network, own_network
 MOST_HOSTS = 1000  # a bridge has 1,024 ports
 _FIRST, _PREFIX = ipaddress.IPv4Address("10.77.0.1"), 16
 _BRIDGE = "hosts"
+_NOWHERE = "nowhere"  # a bridge that stays down: it drops all that its ports receive
 END = "eth0"
 """The name of each host's interface."""
 _Ends = Callable[[], None]
@@ -63,7 +64,8 @@ class Network:
 
     def _switch(self, links: IPRoute, namespaces: Sequence[int]) -> None:
         """Make the switch, and an interface `END` of each host that leads to it."""
-        links.link("add", ifname=_BRIDGE, kind="bridge")
+        for name in (_BRIDGE, _NOWHERE):
+            links.link("add", ifname=name, kind="bridge")
         _set_up(links, _BRIDGE, self.hub)
         for host, namespace in enumerate(namespaces):
             links.link("add", ifname=_port(host), kind="veth", peer={"ifname": END, "net_ns_fd": namespace})
@@ -168,8 +170,11 @@ def _links() -> Iterator[IPRoute]:
 
 
 def _plug(links: IPRoute, host: int, *, on: bool) -> None:
-    """Plug a host's cable into the switch, or pull it out there; the host's end of it stays up."""
-    links.link("set", index=_number(links, _port(host)), master=_number(links, _BRIDGE) if on else 0)
+    """Plug a host's cable into the switch, or where nobody hears it; the host's end of it stays up.
+
+    A cable that is in no bridge would not do: the hub itself would take what it is sent by it.
+    """
+    links.link("set", index=_number(links, _port(host)), master=_number(links, _BRIDGE if on else _NOWHERE))
 
 
 def _number(links: IPRoute, name: str) -> int:
