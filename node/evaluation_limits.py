@@ -1,4 +1,4 @@
-"""What an evaluation in a user's own code may take; a process that takes more is ended."""
+"""Limits of an evaluation in a user's own code; a process that exceeds them is ended."""
 
 import os
 import resource
@@ -12,7 +12,7 @@ from problems import EvaluationFailed
 
 @dataclass(frozen=True)
 class EvaluationLimits:
-    """What an evaluation in a user's own code may take, or its process is ended.
+    """Limits of an evaluation in a user's own code; a process that exceeds them is ended.
 
     Attributes:
         seconds: of real time for one individual, times as many as are evaluated together; None for any time.

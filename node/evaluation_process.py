@@ -16,6 +16,7 @@ import sys
 import weakref
 from collections.abc import Callable
 from functools import partial
+from typing import IO
 
 import numpy as np
 
@@ -88,12 +89,8 @@ class EvaluationProcess:
         assert process.stdout is not None
         process.stdin.write(request)
         process.stdin.flush()
-        head = process.stdout.read(_ANSWER.size)
-        kind, size = _ANSWER.unpack(head) if len(head) == _ANSWER.size else (b"", 1)
-        answer = process.stdout.read(size)
-        if len(answer) != size:
-            raise BrokenPipeError
-        return kind, answer
+        kind, size = _ANSWER.unpack(_all_of(process.stdout, _ANSWER.size))
+        return kind, _all_of(process.stdout, size)
 
     def _start(self) -> "subprocess.Popen[bytes]":
         """Start the process, and wait until it has made the problem.
@@ -121,6 +118,14 @@ class EvaluationProcess:
         if self._end is not None:
             self._end()
         self._process = self._end = None
+
+
+def _all_of(pipe: IO[bytes], size: int) -> bytes:
+    """Return so many bytes; raise `BrokenPipeError` if the pipe ends before."""
+    found = pipe.read(size)
+    if len(found) < size:
+        raise BrokenPipeError
+    return found
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:

@@ -286,7 +286,6 @@ class JobEntry(Job):
     def __init__(self, spec: JobSpec, keeps_events: bool = True, cancel: Callable[[int], None] | None = None) -> None:
         super().__init__(spec)
         self._crashes = 0  # of its nodes' processes
-        self._most_crashes = _MOST_CRASHES + topologies.parse(spec.file.run.topology).cells
         self.log = RunLog(spec.log, spec.least_improvement)
         self._keeps_events = keeps_events
         self._cancel = cancel
@@ -304,7 +303,7 @@ class JobEntry(Job):
         A job whose problem makes processes ``crash`` (the signal, or "") fails, or it would harm the cluster's others.
         """
         self._crashes += bool(crash)
-        if self._crashes > self._most_crashes:
+        if self._crashes > _MOST_CRASHES + topologies.parse(self.spec.file.run.topology).cells:
             why = f"the problem's code has crashed {self._crashes} processes, the last one by {crash}"
             if crash == "SIGALRM":
                 why += ", since evaluations took longer than --eval-timeout"

@@ -18,7 +18,7 @@ def _none(_: int) -> Mapping[str, int]:
 
 @dataclass(frozen=True)
 class Means:
-    """What a trial can reach of a cluster.
+    """Ways to reach a cluster's processes, disk and network.
 
     Attributes:
         endpoint: the endpoint of the cluster's router.

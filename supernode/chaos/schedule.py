@@ -35,7 +35,7 @@ class Fault:
 
     @property
     def kind(self) -> str:
-        """What the target is, such as "node"."""
+        """The kind of the target, such as "node"."""
         return self.target.partition(" ")[0]
 
     @property

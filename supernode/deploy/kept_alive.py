@@ -38,7 +38,7 @@ class KeptAlive:
         folder: the process's working directory; None for this one's.
 
     Attributes:
-        died_with: the status that it ended with last, or in words why it could not be started; None if neither.
+        how_it_ended: in words how it ended last, or why it could not be started; None if neither.
         is_over: whether it is not started again.
     """
 
@@ -59,7 +59,7 @@ class KeptAlive:
         self._secret = secret
         self._ending = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
-        self.died_with: int | str | None = None
+        self.how_it_ended: str | None = None
         self.is_over = False
         # Not a daemon: `--pdeathsig` is a matter of the thread that starts the process, which lives as long as that.
         self._thread = threading.Thread(target=self._keep, name=f"keeper of {command[0]}")
@@ -76,7 +76,7 @@ class KeptAlive:
             self._enter()
             self._start_again_and_again()
         except OSError as error:
-            self.died_with = f"{error.strerror}, when it was started"
+            self.how_it_ended = f"could not be started: {error.strerror}"
 
     def _start_again_and_again(self) -> None:
         pause = self._pause
@@ -87,8 +87,9 @@ class KeptAlive:
                 with contextlib.suppress(BrokenPipeError):
                     process.stdin.write(f"{self._secret}\n".encode())
                     process.stdin.flush()
-            self.died_with = process.wait()
-            if self._ends and self.died_with == 0:
+            status = process.wait()
+            self.how_it_ended = f"ended with status {status}"
+            if self._ends and status == 0:
                 self.is_over = True
                 return
             lived_long = time.monotonic() - began > self._longest_pause
@@ -192,11 +193,11 @@ class KeptAliveCluster(EngineCluster):
     def complaint(self) -> str | None:
         """Return which process has ended before the nodes joined."""
         for name, process in zip(_HERE, self._here, strict=True):
-            if process.died_with is not None:
-                return f"the {name} has ended with status {process.died_with}; what it wrote is above"
+            if process.how_it_ended is not None:
+                return f"the {name} {process.how_it_ended}; what it wrote is above"
         for number, agent in enumerate(self._agents):
-            if agent.died_with is not None:
-                return f"{self._place_of(number)} ended with status {agent.died_with}; what it wrote is above"
+            if agent.how_it_ended is not None:
+                return f"{self._place_of(number)} {agent.how_it_ended}; what it wrote is above"
         return None
 
     def close(self) -> None:

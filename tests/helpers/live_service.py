@@ -34,6 +34,12 @@ def end_all_jobs(client):
     until(lambda: all(each["ended"] is not None for each in client.jobs()))
 
 
+def log_texts(client, job):
+    """What the cluster's log says of a job."""
+    told = client.logs(job.id)
+    return [row[told["columns"].index("text")] for row in told["rows"]]
+
+
 def children_of(process):
     """Process ids."""
     try:

@@ -152,6 +152,7 @@ def live(folder, problem, crash="", genomes=GENOMES):
 
 
 def children_of(process):
+    """Not from a helper of the tests: other processes import this module, and do not find these."""
     return [int(each) for each in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
 
 

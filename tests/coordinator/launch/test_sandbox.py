@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from command_line import in_process
-from live_service import ROOT, live
+from live_service import ROOT, live, log_texts
 from places import until
 from user_namespaces import needs_namespaces
 
@@ -95,8 +95,7 @@ def test_an_individual_that_takes_too_much_memory_counts_as_infeasible_in_the_sa
     with up(*options) as service, service.connect() as client:
         job = client.submit(problem_in(tmp_path, 1, gigabytes=2.5), topology="torus 1x2", generations=20)
         result = job.result(60)
-        logged = client.logs(job.id)
-        texts = [row[logged["columns"].index("text")] for row in logged["rows"]]
+        texts = log_texts(client, job)
     blamed = [text for text in texts if "counts as infeasible: it took more than --node-memory" in text]
     if options:
         assert blamed or "has crashed" in (result.message or "")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import epochs
 import pytest
+from live_service import log_texts
 from places import PATIENCE, ROOT, free_port, places, until
 
 import supernode
@@ -43,8 +44,7 @@ def nodes(client):
 
 def went_on(client, job):
     """The cells that went on exactly, by the log, which must not say that another one could not."""
-    told = client.logs(job.id)
-    texts = [row[told["columns"].index("text")] for row in told["rows"]]
+    texts = log_texts(client, job)
     assert not [text for text in texts if "cannot go on" in text or "another epoch" in text]
     lines = [text for text in texts if text.startswith("new processes go on where the dead ones were: cells ")]
     return {int(cell) for line in lines for cell in line.rpartition("cells ")[2].split(", ")}

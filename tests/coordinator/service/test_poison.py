@@ -2,7 +2,7 @@
 
 import epochs
 import pytest
-from live_service import live
+from live_service import live, log_texts
 
 import supernode
 from node.replay import replay
@@ -64,8 +64,7 @@ def test_a_job_goes_on_though_a_quarter_of_all_individuals_is_deadly(service, tm
     with service.connect() as client:
         job = client.submit(path, topology="torus 1x4", generations=30, mode=mode)
         result = job.result(120)
-        told = client.logs(job.id)
-        texts = [row[told["columns"].index("text")] for row in told["rows"]]
+        texts = log_texts(client, job)
     assert (result.status, result.fitness >= 65.0) == ("exhausted", True)
     infeasible = next(each["genomes"] for each in result.directives if each["do"] == "infeasible")
     assert all(int(genome[:2], 16) < 64 for genome in infeasible)
@@ -104,9 +103,7 @@ def test_a_deadly_individual_is_infeasible_and_the_run_goes_on_exactly(tmp_path,
     with live(tmp_path / "state", "torus 1x3", *options) as service, service.connect() as client:
         job = client.submit(tmp_path / "deadly.toml", topology="torus 1x3", generations=60)
         result = job.result(60)
-        told = client.logs(job.id)
-        texts = [row[told["columns"].index("text")] for row in told["rows"]]
-        lines = {text for text in texts if "counts as infeasible" in text}
+        lines = {text for text in log_texts(client, job) if "counts as infeasible" in text}
     assert (result.status, result.fitness) == ("exhausted", 1.0)
     sha = result.problem_sha256
     assert result.directives == [{"do": "infeasible", "problem_sha256": sha, "genomes": ["00"]}]

@@ -42,6 +42,15 @@ def test_a_message_that_is_published_again_counts_once():
     assert outbox.since(3) == [b"\3", b"\4", b"\5"]
 
 
+@pytest.mark.parametrize("size", [10, 100, 1000])
+def test_it_keeps_as_many_as_it_says(size):
+    outbox = Outbox(size, size)
+    for generation in range(1000):
+        put(outbox, generation, bytes(size), size)
+    kept = len(outbox.since(outbox.oldest))
+    assert outbox.most_messages <= kept <= min(100, len(outbox.room) // size)
+
+
 @pytest.mark.parametrize("emigrants", [1, 4])
 @pytest.mark.parametrize("genome", [1, 8, 16, 80, 100, 242, 399, 2000])
 def test_it_reaches_back_to_the_third_last_state(genome, emigrants):
