@@ -210,7 +210,10 @@ class Replacing:
         donors |= {cell: _deme_donor((cell % before.cells,), before) for cell in range(before.cells, topology.cells)}
         donors |= {cell: cell for cell in states}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
-        job.entry.spec.say(f"another epoch begins, without the processes of cells {sorted(before.dead)}")
+        dead = ", ".join(map(str, sorted(before.dead)))
+        job.entry.spec.say(
+            f"another epoch begins, {f'without the processes of cells {dead}' if dead else 'on other nodes'}"
+        )
         why = {
             "do": "replace",
             "demes_of": {str(cell): donor for cell, donor in donors.items()},

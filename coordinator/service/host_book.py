@@ -57,7 +57,8 @@ class HostBook:
         seal: opens what hosts say; only hosts with the cluster's secret may join.
         came: called with a host that has got its numbers, before the host knows them; and with one that is back.
         went: called with a host that is out of reach; it may come back.
-        left: called with a host that has stayed away, or with one that gives up a part of its nodes.
+        left: called with a host that is gone, or with those of its nodes that it gives up, and with why that is a
+            fault: for people, "" if the host had asked to leave.
         drain: called with a host that is about to end; returns those of its nodes that jobs still need.
         complain: called with an error that is nobody's fault but this program's.
         hooks: keeps the hosts for the coordinator that takes over, and knows those of the one before.
@@ -73,7 +74,7 @@ class HostBook:
         seal: Seal,
         came: Callable[[Host], None],
         went: Callable[[Host], None],
-        left: Callable[[Host], None],
+        left: Callable[[Host, str], None],
         drain: Callable[[Host], list[int]],
         complain: Callable[[str], None],
         hooks: Hooks,
@@ -220,12 +221,14 @@ class HostBook:
                 del self._away[host]
                 self._gone.discard(host)
                 gone = self._hosts.pop(host)
-                if host not in self._drained:
+                if host in self._drained:
+                    self._drained.discard(host)
+                    self._left(gone, "")
+                else:
                     self._lost[host] = gone
                     while sum(len(each.nodes) for each in self._lost.values()) > _MOST_LOST:
                         del self._lost[next(iter(self._lost))]  # the one that has been away for the longest time
-                self._drained.discard(host)
-                self._left(gone)
+                    self._left(gone, f"host {gone.name} has been away for {self._timeout:g} s")
             else:  # this process is cut off from the router, so nothing is known of the host
                 self._away[host] = now + self._timeout
 
@@ -273,7 +276,9 @@ class HostBook:
             self._forget(before.id)
             old = before.nodes[: asking.wants]
             if len(before.nodes) > asking.wants:
-                self._left(before.with_nodes(before.nodes[asking.wants :]))
+                given_up = before.nodes[asking.wants :]
+                numbers = ", ".join(map(str, given_up))
+                self._left(before.with_nodes(given_up), f"host {before.name} has come back without its nodes {numbers}")
         here = {node for host in self._hosts.values() if host.id not in self._away for node in host.nodes}.union(old)
         known = (*self._hosts.values(), *self._lost.values())
         taken = here.union(*(host.nodes for host in known))

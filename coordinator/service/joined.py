@@ -56,7 +56,6 @@ class JoinedDispatcher(ServiceDispatcher):
     ) -> None:
         super().__init__(session, keys, seal, hooks, limits=limits, expected=nodes, eval_timeout=eval_timeout)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
-        self._host_timeout = host_timeout
         callbacks = self._came, self._went, self._leave, self._drain, self._complain
         self._book = HostBook(session, keys, seal, *callbacks, hooks, most_nodes, host_timeout)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
@@ -172,10 +171,6 @@ class JoinedDispatcher(ServiceDispatcher):
             self._log("info", f"host {host.name} leaves; no job needs its nodes {', '.join(map(str, host.nodes))}")
         return needed
 
-    def _leave(self, host: Host) -> None:
-        numbers = ", ".join(map(str, host.nodes))
-        why = (
-            f"host {host.name} has been away for {self._host_timeout:g} s, or has come back without its nodes {numbers}"
-        )
-        self.left(host.nodes, why)
+    def _leave(self, host: Host, fault: str) -> None:
+        self.left(host.nodes, fault)
         self._roster.forget(host.nodes)

@@ -157,8 +157,9 @@ class ServiceDispatcher(Dispatcher):
                 os.kill(process, signal.SIGKILL)
 
     def left(self, nodes: Iterable[int], why: str) -> None:
-        """Remove nodes that are gone for good; log why."""
-        self._log("error", why)
+        """Remove nodes that are gone for good; log why, if that is a fault ("" if no job needs them any more)."""
+        if why:
+            self._log("error", why)
         super().left(nodes, why)
 
     def close(self) -> None:

@@ -51,7 +51,7 @@ class Room:
         self.router = sessions.router([endpoint])
         self.sessions = {}
         self.tokens = {}  # a token that nobody holds is gone
-        self.left = queue.SimpleQueue()
+        self.left = queue.SimpleQueue()  # hosts, each with the fault
         self.came = []
         self.went = []
         self.memory = Memory()
@@ -64,7 +64,7 @@ class Room:
         callbacks = (
             self.came.append,
             self.went.append,
-            self.left.put,
+            lambda *left: self.left.put(left),
             lambda host: list(self.needed),
             self.complaints.append,
         )
@@ -144,7 +144,8 @@ def test_one_that_comes_again_in_time_gets_its_numbers_again(room):
     assert until_let_in(room, "a2", "a", 3) == (0, 1, 4)
     room.go("b1")
     assert until_let_in(room, "b2", "b", 1) == (2,)
-    assert room.left.get(timeout=10).nodes == (3,)
+    left, fault = room.left.get(timeout=10)
+    assert (left.nodes, fault) == ((3,), "host b has come back without its nodes 3")
 
 
 def test_one_gets_no_numbers_before_they_are_stored(room):
@@ -161,7 +162,8 @@ def test_one_that_stays_away_has_left(room):
     room.join("a1", "a", 2)
     room.join("b1", "b", 1)
     room.go("a1")
-    assert room.left.get(timeout=10).nodes == (0, 1)
+    left, fault = room.left.get(timeout=10)
+    assert (left.nodes, fault) == ((0, 1), "host a has been away for 0.2 s")
     assert room.join("c1", "c", 3) == (3, 4, 5), "it may only be cut off: nobody else gets its numbers"
     assert room.join("a2", "a", 3) == (0, 1, 6)
     assert room.left.empty()
@@ -172,7 +174,7 @@ def test_one_that_was_cut_off_for_long_gets_its_numbers_back(room):
     room.join("a1", "a", 2)
     token = room.tokens.pop("a1")
     token.undeclare()
-    assert room.left.get(timeout=10).nodes == (0, 1)
+    assert room.left.get(timeout=10)[0].nodes == (0, 1)
     assert room.book.host_of(1) is None
     room.came.clear()
     room.tokens["a1"] = room.sessions["a1"].liveliness().declare_token(KEYS.host("a1"))
@@ -221,7 +223,8 @@ def test_a_host_that_says_that_it_leaves_is_gone_with_its_token(room):
     assert room.ask(leaving) == Done([])
     assert room.left.empty()
     room.go("a1")
-    assert room.left.get(timeout=host_book.HOST_TIMEOUT / 3).nodes == (0, 1)
+    left, fault = room.left.get(timeout=host_book.HOST_TIMEOUT / 3)
+    assert (left.nodes, fault) == ((0, 1), ""), "that is no fault"
     assert room.join("b1", "b", 2) == (0, 1)
 
 
@@ -254,7 +257,7 @@ def test_a_host_that_was_given_up_is_still_known_to_the_next_coordinator(room):
     room.book._timeout = 0.2
     assert room.join("a1", "a", 2) == (0, 1)
     room.go("a1")
-    assert room.left.get(timeout=10.0).id == "a1"
+    assert room.left.get(timeout=10.0)[0].id == "a1"
     until(lambda: [given_up for _, given_up in room.memory.hosts] == [True])
     room.sessions["book"].close()
     room.came.clear()
