@@ -15,6 +15,7 @@ import pytest
 from one_max import Bus
 
 import supernode
+from genetics import Keys
 from node.plan import Plan
 from node.simulation import simulate
 from problems import registry
@@ -46,15 +47,23 @@ def file(request):
     return FILES[request.param]()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def plan(file):
     return Plan.of(file)
 
 
 @pytest.fixture(scope="module")
-def judgement(file):
+def genomes(plan):
+    """Random ones; to make those of a robot's paths takes seconds."""
+    genomes = random_genomes(plan)
+    genomes.flags.writeable = False
+    return genomes
+
+
+@pytest.fixture(scope="module")
+def judgement(plan):
     """What comes of a run of the file; equal runs have equal results, so one serves all tests of the file."""
-    return outcome(Plan.of(file))
+    return outcome(plan)
 
 
 def outcome(plan):
@@ -65,9 +74,8 @@ def outcome(plan):
     return verify(collector, stopped_after(reports), reasons, states=states_of(reports))
 
 
-def some_genomes(plan, deme=50):
-    from genetics import Keys
-
+def random_genomes(plan, deme=50):
+    """Return those of four cells, a row each."""
     return plan.coding.random(Keys(np.arange(4), 7, 0), deme).reshape(-1, plan.coding.genome_bytes)
 
 
@@ -123,8 +131,7 @@ def test_the_same_seed_gives_the_same_run(plan):
     assert simulate(plan) == simulate(again)
 
 
-def test_fitness_does_not_depend_on_the_batch(plan):
-    genomes = some_genomes(plan)
+def test_fitness_does_not_depend_on_the_batch(plan, genomes):
     together = plan.evaluate(genomes)
     alone = np.concatenate([plan.evaluate(genome[None]) for genome in genomes])
     if plan.problem.is_batch_invariant:
@@ -143,7 +150,7 @@ def odd_genomes(plan):
         ends = [plan.coding.encode(np.tile(genes[:, end], (count, 1))) for end in (0, 1) for count in items[:2]]
     else:
         ends = [low.view(np.uint8), high.view(np.uint8)] if low.size else [np.zeros_like(mask), mask]
-    couples = np.stack([np.stack([end, genome]) for end in ends for genome in some_genomes(plan, 5)])
+    couples = np.stack([np.stack([end, genome]) for end in ends for genome in random_genomes(plan, 5)])
     offspring = plan.coding.recombine(couples[None].copy(), plan.recipe, plan.keys(np.array([3]), 1))
     assert all(plan.coding.alphabet.admits(genome) for genome in offspring[0])
     return np.concatenate([ends, offspring[0]])
@@ -156,9 +163,9 @@ def compiled_fitness(plan):
     return fitness_kernel
 
 
-def test_its_compiled_fitness_is_its_fitness_bit_for_bit(plan):
+def test_its_compiled_fitness_is_its_fitness_bit_for_bit(plan, genomes):
     fitness_kernel = compiled_fitness(plan)
-    genomes = np.concatenate([some_genomes(plan), odd_genomes(plan)])
+    genomes = np.concatenate([genomes, odd_genomes(plan)])
     expected = plan.problem.evaluate(genomes)
     assert fitness_kernel.fitness(genomes).tobytes() == expected.tobytes()
     for size in (1, 8):  # as many as a cell verifies at once
@@ -185,14 +192,15 @@ def test_built_in_kinds_are_evaluated_all_at_once():
 
 
 def test_every_solution_that_decodes_can_be_checked_and_agrees(plan):
-    for genome, fitness in zip(some_genomes(plan, 8), plan.evaluate(some_genomes(plan, 8)), strict=True):
+    genomes = random_genomes(plan, 8)
+    for genome, fitness in zip(genomes, plan.evaluate(genomes), strict=True):
         if np.isfinite(fitness):
             solution = json.loads(json.dumps(plan.problem.decode(genome)))
             assert plan.problem.check(solution).fitness == pytest.approx(fitness, rel=1e-6, abs=1e-6)
 
 
-def test_its_own_coding_accepts_what_it_makes(plan):
-    assert all(plan.coding.alphabet.admits(genome) for genome in some_genomes(plan))
+def test_its_own_coding_accepts_what_it_makes(plan, genomes):
+    assert all(plan.coding.alphabet.admits(genome) for genome in genomes)
     assert not plan.coding.alphabet.admits(np.empty(0, np.uint8))
 
 
@@ -215,10 +223,9 @@ def test_every_field_of_a_built_in_kind_is_described():
                 assert described, f"{kind}: {name}"
 
 
-def test_the_picture_renders(plan, judgement, tmp_path):
+def test_the_picture_renders(plan, genomes, judgement, tmp_path):
     from matplotlib.figure import Figure
 
-    genomes = some_genomes(plan)
     for solution in (judgement.best.solution, None):
         figure = Figure(figsize=(6, 4))
         if ":" in plan.problem.kind:  # a user's own, which has no picture unless it brings one
