@@ -134,6 +134,8 @@ class Epochs:
 
     def prepare(self, command: Prepare) -> Done | Refused:
         """Get ready for an epoch: a job's first one becomes the assignment, a later one waits as `coming`."""
+        if not self._catch_up_with(command):
+            return Refused(f"node {self._config.node} has not begun epoch {command.epoch - 1} yet: try again")
         # A node that is given a deme or a state takes the place of one that died: it does not go on with its own deme.
         has_deme = self._has_lived_before(command) and not command.anew
         goes_on = has_deme and not command.deme and command.takeover is None
@@ -165,6 +167,19 @@ class Epochs:
         else:
             self._enter(Assignment(cell, links))
         return Done(json.dumps(fingerprint()))
+
+    def _catch_up_with(self, command: Prepare) -> bool:
+        """Enter the coming epoch if the command prepares a later one; return False if the present one goes on still.
+
+        A coordinator has told all nodes to begin an epoch before it prepares the next one. This node missed that.
+        """
+        coming, starts_anew = self._driver.coming, command.anew or command.deme or command.takeover is not None
+        if coming is None or starts_anew or coming.job != command.job or coming.plan.epoch >= command.epoch:
+            return True
+        if not self._is_free_for_the_next:
+            return False
+        self._enter_coming(coming)
+        return True
 
     def _enter(self, assignment: Assignment) -> None:
         self._driver.enter(assignment)
@@ -220,11 +235,20 @@ class Epochs:
             reply(assignment.begun, assignment.report)
             assignment.begun = None
 
+    @property
+    def _is_free_for_the_next(self) -> bool:
+        """Whether the cell has stopped in the present epoch, or there is none."""
+        return self._driver.assignment is None or self._driver.assignment.cell.ended
+
     def _enter_next_epoch(self) -> None:
-        """Move to the coming epoch if it has been begun and the present one has stopped; its deme moves along."""
-        before, coming = self._driver.assignment, self._driver.coming
-        if coming is None or coming.begun is None or (before is not None and not before.cell.ended):
-            return
+        """Move to the coming epoch if it has been begun and the present one has stopped."""
+        coming = self._driver.coming
+        if coming is not None and coming.begun is not None and self._is_free_for_the_next:
+            self._enter_coming(coming)
+
+    def _enter_coming(self, coming: Coming) -> None:
+        """Move to the coming epoch; the deme of the present one moves along."""
+        before = self._driver.assignment
         # Only this node knows after which generation its cell stopped, so the coordinator leaves `since` open.
         bred = 0 if before is None else before.cell.plan.since + before.cell.rows.generation
         plan = replace(coming.plan, since=bred if coming.since is None else coming.since)

@@ -47,6 +47,37 @@ def to_prepare(number=1):
     return Prepare(1, 0, FILE.to_json(), Wiring(number, (0, 1)), 0, takeover=Takeover(0, b""))
 
 
+def answers(nodes, make_order):
+    """What nodes answer that get an order at the same time, each its own."""
+    with ThreadPoolExecutor(len(nodes)) as threads:
+        orders = [make_order() for _ in nodes]
+        for each, order in zip(nodes, orders, strict=True):
+            each.note(order)
+        waiting = [threads.submit(each.prepare, order) for each, order in zip(nodes, orders, strict=True)]
+        return [each.result(PATIENCE) for each in waiting]
+
+
+def epochs_of(node):
+    """The present and the coming one."""
+    present, coming = node._driver.assignment, node._driver.coming
+    return present and present.epoch, coming and coming.plan.epoch
+
+
+def test_a_node_begins_an_epoch_that_is_followed_by_another_one(nodes):
+    """The command to begin it was lost. Without it the node's neighbours would wait in that epoch for ever."""
+
+    def later(number):
+        return Prepare(1, number, FILE.to_json(), Wiring(1, (0, 1)))
+
+    assert [type(each) for each in answers(nodes, to_prepare)] == [Done, Done]
+    assert [epochs_of(each) for each in nodes] == [(None, 0)] * 2
+    assert [type(each) for each in answers(nodes, lambda: later(1))] == [Done, Done]
+    assert [epochs_of(each) for each in nodes] == [(0, 1)] * 2
+    refusals = answers(nodes, lambda: later(2))
+    assert [each.message for each in refusals] == [f"node {n} has not begun epoch 1 yet: try again" for n in (0, 1)]
+    assert [epochs_of(each) for each in nodes] == [(0, 1)] * 2
+
+
 @pytest.mark.parametrize("ends", [to_prepare(), TellStates(1, 0), Drop(1)])
 def test_links_that_wait_for_a_neighbour_go_on_waiting_after_a_newer_command(nodes, ends):
     first, second = nodes
@@ -58,12 +89,7 @@ def test_links_that_wait_for_a_neighbour_go_on_waiting_after_a_newer_command(nod
         first.note(ends)
         assert isinstance(waiting.result(PATIENCE), Refused)
         assert not links.complete
-        orders = [to_prepare(), to_prepare()]
-        answers = []
-        for each, order in zip(nodes, orders, strict=True):
-            each.note(order)
-            answers.append(threads.submit(each.prepare, order))
-        assert all(isinstance(each.result(PATIENCE), Done) for each in answers)
+        assert [type(each) for each in answers(nodes, to_prepare)] == [Done, Done]
     assert first.links is links, "a session that begins anew is one more that its neighbours have to link with"
     assert links.complete
     assert second.wirings == [1]
