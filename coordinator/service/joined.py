@@ -56,6 +56,7 @@ class JoinedDispatcher(ServiceDispatcher):
     ) -> None:
         super().__init__(session, keys, seal, hooks, limits=limits, expected=nodes, eval_timeout=eval_timeout)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
+        self._forgotten: set[int] = set()  # nodes of hosts that were given up; only the book's thread uses it
         callbacks = self._came, self._went, self._leave, self._drain, self._complain
         self._book = HostBook(session, keys, seal, *callbacks, hooks, most_nodes, host_timeout)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
@@ -71,6 +72,9 @@ class JoinedDispatcher(ServiceDispatcher):
             self._node_hosts.move_in(host)
             self._scheduler.stay(host.nodes)  # it may have been about to end before, or out of reach
         self._start()
+        if not self._forgotten.isdisjoint(host.nodes):
+            self._forgotten.difference_update(host.nodes)
+            self._roster.look()  # nodes that were back a moment before their host was given up will not come again
 
     def _went(self, host: Host) -> None:
         """Give no further job to the nodes of a host that is out of reach; those that have one keep it."""
@@ -174,3 +178,4 @@ class JoinedDispatcher(ServiceDispatcher):
     def _leave(self, host: Host, fault: str) -> None:
         self.left(host.nodes, fault)
         self._roster.forget(host.nodes)
+        self._forgotten.update(host.nodes)

@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 from places import until
 
+from coordinator.jobs.client_limits import NO_LIMITS
 from coordinator.jobs.hooks import NoHooks
 from coordinator.jobs.node_hosts import PORTS, NodeHosts
 from coordinator.service import host_book
 from coordinator.service.host_book import HostBook
+from coordinator.service.joined import JoinedDispatcher
 from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.control import Wiring
@@ -180,6 +182,23 @@ def test_one_that_was_cut_off_for_long_gets_its_numbers_back(room):
     room.tokens["a1"] = room.sessions["a1"].liveliness().declare_token(KEYS.host("a1"))
     until(lambda: room.book.host_of(1) == "a")
     assert [host.nodes for host in room.came] == [(0, 1)]
+
+
+def test_its_nodes_are_back_with_it_though_they_were_never_away(room):
+    """As those are that are back a moment before their host is given up."""
+    room.go("book")
+    session = room.sessions["dispatcher"] = sessions.client(room.endpoint)
+    hooks, seal = room.memory, Seal(SECRET)
+    dispatcher = JoinedDispatcher(session, KEYS, 2, hooks, seal=seal, limits=NO_LIMITS, host_timeout=0.2)
+    room.join("a1", "a", 2)
+    liveliness = room.sessions["a1"].liveliness()
+    lives = [liveliness.declare_token(KEYS.life(node, f"{4711 + node}-a1")) for node in (0, 1)]
+    until(lambda: len(dispatcher.nodes()) == 2)
+    room.tokens.pop("a1").undeclare()
+    until(lambda: not dispatcher.nodes())
+    room.tokens["a1"] = liveliness.declare_token(KEYS.host("a1"))
+    until(lambda: [node["process"] for node in dispatcher.nodes()] == [4711, 4712])
+    assert len(lives) == 2
 
 
 def test_a_host_gets_fewer_numbers_or_none_where_there_is_no_room(room):
