@@ -200,11 +200,11 @@ def test_code_that_crashes_later_makes_nobody_suspect_and_answers_stay_right(tmp
     live(tmp_path, Deadly(harm="crash"))
     problem = CrashingLater(harm="")
     its = watch(tmp_path, problem, "SIGSEGV")
-    evaluate = its.guard(problem)
+    evaluate, others = its.guard(problem), set(children_of(os.getpid()))
     for first in range(10, 14):
         genomes = np.array([[first], [first + 10]], np.uint8)
         assert evaluate(genomes.copy()).tolist() == [first, first + 10]
-        (process,) = children_of(os.getpid())
+        (process,) = set(children_of(os.getpid())) - others
         while Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
             time.sleep(0.01)
     assert its.infeasible == ()
@@ -236,12 +236,12 @@ def test_what_the_problem_changes_in_the_genomes_comes_back(tmp_path):
 def test_its_process_ends_with_it(tmp_path):
     problem = Deadly(harm="crash")
     live(tmp_path, problem)
-    evaluate = watch(tmp_path, problem, "SIGSEGV").guard(problem)
+    evaluate, others = watch(tmp_path, problem, "SIGSEGV").guard(problem), set(children_of(os.getpid()))
     evaluate(GENOMES.copy())
-    (process,) = children_of(os.getpid())
+    (process,) = set(children_of(os.getpid())) - others
     assert len(children_of(process)) == 1
     del evaluate
-    assert children_of(os.getpid()) == []
+    assert process not in children_of(os.getpid())
 
 
 def test_whoever_survives_alone_is_not_suspected_any_more(tmp_path):
