@@ -134,11 +134,11 @@ class Epochs:
 
     def prepare(self, command: Prepare) -> Done | Refused:
         """Get ready for an epoch: a job's first one becomes the assignment, a later one waits as `coming`."""
-        if not self._catch_up_with(command):
-            return Refused(f"node {self._config.node} has not begun epoch {command.epoch - 1} yet: try again")
         # A node that is given a deme or a state takes the place of one that died: it does not go on with its own deme.
-        has_deme = self._has_lived_before(command) and not command.anew
-        goes_on = has_deme and not command.deme and command.takeover is None
+        may_go_on = not command.anew and not command.deme and command.takeover is None
+        if may_go_on and not self._catch_up_with(command):
+            return Refused(f"node {self._config.node} has not begun epoch {command.epoch - 1} yet: try again")
+        goes_on = may_go_on and self._has_lived_before(command)
         if not goes_on and self._driver.assignment is not None:
             self.forget(self._driver.assignment.job)
         self._driver.coming = None
@@ -173,8 +173,8 @@ class Epochs:
 
         A coordinator has told all nodes to begin an epoch before it prepares the next one. This node missed that.
         """
-        coming, starts_anew = self._driver.coming, command.anew or command.deme or command.takeover is not None
-        if coming is None or starts_anew or coming.job != command.job or coming.plan.epoch >= command.epoch:
+        coming = self._driver.coming
+        if coming is None or coming.job != command.job or coming.plan.epoch >= command.epoch:
             return True
         if not self._is_free_for_the_next:
             return False
