@@ -189,13 +189,14 @@ def test_its_nodes_are_back_with_it_though_they_were_never_away(room):
     room.go("book")
     session = room.sessions["dispatcher"] = sessions.client(room.endpoint)
     hooks, seal = room.memory, Seal(SECRET)
-    dispatcher = JoinedDispatcher(session, KEYS, 2, hooks, seal=seal, limits=NO_LIMITS, host_timeout=0.2)
+    dispatcher = JoinedDispatcher(session, KEYS, 2, hooks, seal=seal, limits=NO_LIMITS, host_timeout=1.0)
     room.join("a1", "a", 2)
     liveliness = room.sessions["a1"].liveliness()
     lives = [liveliness.declare_token(KEYS.life(node, f"{4711 + node}-a1")) for node in (0, 1)]
     until(lambda: len(dispatcher.nodes()) == 2)
     room.tokens.pop("a1").undeclare()
-    until(lambda: not dispatcher.nodes())
+    until(lambda: dispatcher._forgotten == {0, 1})
+    assert not dispatcher.nodes()
     room.tokens["a1"] = liveliness.declare_token(KEYS.host("a1"))
     until(lambda: [node["process"] for node in dispatcher.nodes()] == [4711, 4712])
     assert len(lives) == 2
