@@ -269,8 +269,8 @@ BUGS = (
     Bug(
         "a node that was thought dead keeps its deme as the job begins anew",
         "node.epochs",
-        "self._has_lived_before(command) and not command.anew",
-        "self._has_lived_before(command)",
+        "may_go_on = not command.anew and not command.deme",
+        "may_go_on = not command.deme",
     ),
     Bug(
         "cells that have been halted are no reason to give exact recovery up",
