@@ -23,7 +23,9 @@ SECRET_BYTES = 32
 _MAC_BYTES = 32
 _SENDER_BYTES = 8
 _NUMBER_BYTES = 8
-_HEAD_BYTES = _MAC_BYTES + _SENDER_BYTES + _NUMBER_BYTES
+HEAD_BYTES = _MAC_BYTES + _SENDER_BYTES + _NUMBER_BYTES
+"""A sealed command has so many bytes before its payload."""
+
 _LATE = 1024  # commands of the same sender that may overtake a command; beyond that, the overtaken one is rejected
 
 
@@ -60,13 +62,13 @@ class Seal:
         """
         signed = sealed[_MAC_BYTES:]
         # The seal first: until it is verified, sender and number are claims of a stranger and must not be noted.
-        if len(sealed) < _HEAD_BYTES or not hmac.compare_digest(sealed[:_MAC_BYTES], self._mac(key, signed)):
+        if len(sealed) < HEAD_BYTES or not hmac.compare_digest(sealed[:_MAC_BYTES], self._mac(key, signed)):
             raise Rejected(NOT_OURS)
         sender = signed[:_SENDER_BYTES]
-        number = int.from_bytes(sealed[_MAC_BYTES + _SENDER_BYTES : _HEAD_BYTES], "big")
+        number = int.from_bytes(sealed[_MAC_BYTES + _SENDER_BYTES : HEAD_BYTES], "big")
         if not self._heard.setdefault(sender, _Received()).is_new(number):
             raise Rejected("repeated")
-        return sealed[_HEAD_BYTES:]
+        return sealed[HEAD_BYTES:]
 
     def _mac(self, key: str, signed: bytes) -> bytes:
         # The zero byte marks where the key expression ends: without it, bytes could move between key and message.

@@ -45,6 +45,7 @@ class Cluster:
     Attributes:
         processes: the living processes by name: "router", "spy", "coordinator", "node 0" and so on.
         nodes: what runs in the living processes of nodes, by node.
+        spy: what runs in the living process of the spy; None while there is none.
         keys: the key expressions of the cluster.
         disk_fails_until: until when writes of the database fail.
     """
@@ -63,7 +64,7 @@ class Cluster:
         self._by_id = by_id
         self.nodes: dict[int, NodeProcess] = {}
         self.disk_fails_until = 0.0
-        self._spy_is_up = False
+        self.spy: SpyProcess | None = None
         self._network = network
         self._topology = topology
         self._state = state
@@ -83,7 +84,7 @@ class Cluster:
     def is_ready(self) -> bool:
         """Whether all processes that are there from the beginning have come up."""
         cells = topologies.parse(self._topology).cells if self._topology else 0
-        return len(self.nodes) >= cells and self._spy_is_up
+        return len(self.nodes) >= cells and self.spy is not None
 
     def suffer(self, fault: Fault) -> None:
         """Carry out a fault. On the hub."""
@@ -104,6 +105,10 @@ class Cluster:
     def nodes_of_hosts(self) -> dict[str, tuple[int, ...]]:
         """Return the nodes of each host that runs; empty if one zygote launched all nodes."""
         return {}
+
+    def open_links(self, node: int) -> int:
+        """Return how many sessions with its neighbours a node has open."""
+        return self._network.open_peers(self.processes[f"node {node}"])
 
     def cut_off_until(self, node: int) -> float:
         """Return until when the host of a node has no link to the router, now or lately; 0 if it always had one."""
@@ -131,6 +136,8 @@ class Cluster:
         kind, _, number = name.partition(" ")
         if kind == "node":
             self.nodes.pop(int(number), None)
+        elif kind == "spy":
+            self.spy = None
         return self.processes.pop(name)
 
     def _start_again(self, name: str) -> None:
@@ -163,9 +170,8 @@ class Cluster:
         process.driver.run()
 
     def _watch(self, topology: str) -> None:
-        spy = SpyProcess(self._config(0, topology))
-        self._spy_is_up = True
-        spy.run()
+        self.spy = SpyProcess(self._config(0, topology))
+        self.spy.run()
 
     def _serve(self, first: bool) -> None:
         make_dispatcher = partial(

@@ -16,6 +16,7 @@ from supernode.chaos.simulated.cluster import Cluster
 from supernode.chaos.simulated.plans import Plan
 from supernode.chaos.simulated.world import World
 
+_SPY_IS_TOLD_WITHIN = 10.0  # seconds from when the spy or the faults end until it knows the jobs
 _STANDS_STILL = 10.0  # seconds; lost messages are asked for after a second
 _DROPPED_WITHIN = 10.0  # seconds from when a host is back until its nodes have forgotten jobs that run elsewhere
 _BY_ITSELF = ("solved", "stalled", "exhausted")  # how a job ends that nobody stops
@@ -47,6 +48,7 @@ class Invariants:
         self.faults_end = math.inf
         self._seen: set[str] = set()
         self._reached: dict[int, tuple[tuple[int, int], float]] = {}  # by job, how far its cells are, and since when
+        self._unwatched: dict[int, float] = {}  # by job that the spy does not know, since when
 
     def look(self, every: float) -> None:
         """Look now, and then again and again. On the hub."""
@@ -66,10 +68,17 @@ class Invariants:
         """Return the nodes that still run a cell."""
         return [node for node, assignment in self._running()]
 
+    def leaking(self) -> list[int]:
+        """Return the nodes that have open links of which they do not know any more."""
+        nodes = self._cluster.nodes.items()
+        return [node for node, process in nodes if self._cluster.open_links(node) > len(process.epochs.wirings)]
+
     def at_the_end(self) -> None:
         """Look at what the client was told, and whether all nodes have stopped."""
         if strays := self.strays():
             self._complain(f"all jobs have ended, but nodes {strays} still run cells")
+        if leaking := self.leaking():
+            self._complain(f"all jobs have ended, but nodes {leaking} have open links that they do not know any more")
         for asked in self._client.jobs:
             self._ended(asked)
             if asked.result is not None and not self._has_lost_a_host(asked):
@@ -105,6 +114,7 @@ class Invariants:
             if max(there) - min(there) > 1:
                 self._complain(f"job {job}: epochs {sorted(there)} run at the same time")
             self._goes_on(job)
+            self._is_watched(job, there)
 
     def _goes_on(self, job: int) -> None:
         """Once the faults are over, the cells of a job never stand still for long."""
@@ -115,6 +125,15 @@ class Invariants:
             self._reached[job] = far, now
         elif now - max(since, self.faults_end) > _STANDS_STILL:
             self._complain(f"job {job} stands still")
+
+    def _is_watched(self, job: int, epochs: set[int]) -> None:
+        """Once the faults are over, the spy knows a job and its epoch, so that clients are told better answers."""
+        spy, now = self._cluster.spy, self._world.now
+        watched = None if spy is None else spy.assignments.get(job)
+        if watched is not None and watched.plan.epoch in epochs and watched.began is not None:
+            self._unwatched.pop(job, None)
+        elif now - max(self._unwatched.setdefault(job, now), self.faults_end) > _SPY_IS_TOLD_WITHIN:
+            self._complain(f"job {job}: the spy does not watch it")
 
     def _running(self) -> Iterator[tuple[int, Assignment]]:
         """Yield the nodes that run a cell, and what they are assigned to."""

@@ -118,10 +118,15 @@ class Link:
 
 
 class Station:
-    """A router or a session: an end of links."""
+    """A router or a session: an end of links.
 
-    def __init__(self, network: "Network", process: Process) -> None:
+    Attributes:
+        is_peer: whether it is a node's session with its neighbours.
+    """
+
+    def __init__(self, network: "Network", process: Process, *, is_peer: bool = False) -> None:
         self.network = network
+        self.is_peer = is_peer
         self.process = process
         self.links: list[Link] = []
         self.is_open = True
@@ -162,7 +167,7 @@ class Network:
     Attributes:
         weather: what the network does wrong for now.
         listeners: the stations that listen, by endpoint.
-        asked: called for each question that a coordinator sends.
+        asked: called with the sealed command of each question that a coordinator sends.
     """
 
     def __init__(self, world: World, fair: Weather, work: float) -> None:
@@ -171,7 +176,7 @@ class Network:
         self.work = work
         self.listeners: dict[str, Station] = {}
         self.numbers = itertools.count()
-        self.asked: Callable[[], None] = lambda: None
+        self.asked: Callable[[bytes], None] = lambda _: None
         self._stations: list[Station] = []
         self._apart: dict[frozenset[str], float] = {}  # names of processes, until when they are cut off
         self._held: dict[tuple[str, str], float] = {}  # from and to whom, until when messages are held
@@ -207,6 +212,10 @@ class Network:
         self._stations = [each for each in self._stations if each.is_open]
         self._stations.append(station)
 
+    def open_peers(self, process: Process) -> int:
+        """Return how many stations of a process are open that are sessions with neighbours."""
+        return sum(each.process is process and each.is_open and each.is_peer for each in self._stations)
+
     def _may_link(self, one: "Station", other: "Station") -> bool:
         names = frozenset((one.process.name, other.process.name))
         return self._apart.get(names, 0.0) <= self.world.now
@@ -219,7 +228,7 @@ class Network:
         if isinstance(message, Put) and weather.lost and world.draw.random() < weather.lost:
             return
         if isinstance(message, Ask) and link.here.process.name == "coordinator":
-            self.asked()
+            self.asked(message.payload)
         held = self._held.get((link.here.process.name, link.there.process.name), 0.0)
         link.arrives = max(link.arrives, held, world.now + world.draw.expovariate(1.0 / weather.latency))
         for _ in range(1 + (twice and world.draw.random() < weather.twice)):

@@ -25,6 +25,10 @@ _SHORTEST_WORK = 0.1e-3  # seconds
 _SOON = 0.2  # seconds, in the mean
 _MOST_QUESTIONS = 40  # of coordinators; a trial has some tens
 _AFTER = 3.0  # latencies, in the mean
+_STEPS_OF_JOBS = ("prepare", "begin", "halt", "look", "tell states", "propose stop", "finish", "drop")
+_MOST_OF_A_KIND = 3  # questions of a kind of which one is met
+_OUTLASTS = (2.0, 5.0)  # how many times as slow a job is that is to outlast the faults
+PROPOSER, NEIGHBOUR = "the proposer", "a neighbour of the proposer"
 _TARGETS = (80.0, 40.0, 20.0, 10.0)  # of Rastrigin's function in ten dimensions, which begins at some 100
 
 
@@ -37,11 +41,12 @@ class Fault:
         do: "kill"; "stop" for a while; "part", which cuts ``whom`` off from ``other`` for a while; "hold", which
             holds back what ``whom`` sends to ``other`` for a while; "disk", whose writes
             fail for a while; "weather", which changes the network for a while; or "leave", which has a host end.
-        whom: the name of a process or a host.
+        whom: the name of a process or a host; upon a proposal also `PROPOSER` or `NEIGHBOUR`.
         seconds: for how long; for a host that is killed or leaves, until it is started again.
         other: the name of another process.
         weather: the network's faults meanwhile.
-        upon: "question", the ``count``-th one of coordinators, or "proposal": so many cells have proposed to stop.
+        upon: "question", the ``count``-th one of coordinators; the name of a command, the ``count``-th such question;
+            or "proposal": so many cells have proposed to stop.
         count: the number of that event.
     """
 
@@ -51,7 +56,7 @@ class Fault:
     seconds: float = 0.0
     other: str = ""
     weather: Weather | None = None
-    upon: Literal["", "question", "proposal"] = ""
+    upon: str = ""
     count: int = 0
 
     def __str__(self) -> str:
@@ -155,7 +160,9 @@ class Plan:
     def _longest_away(self, host: str) -> float:
         """Return for how many seconds a host is out of reach at most, without a break that is sure."""
         timed = self.timed
-        back = _BACK_WITHIN * (1 + sum(fault.whom == "router" for fault in self.faults if fault.upon))  # at any time
+        at_any_time = [fault for fault in self.faults if fault.upon and fault.whom in (host, "router")]
+        back = _BACK_WITHIN * (1 + len(at_any_time)) + sum(fault.seconds for fault in at_any_time)
+        back += sum(DRAINED_WITHIN for fault in at_any_time if fault.do == "leave")
         away = [fault for fault in timed if fault.whom in (host, "router") and fault.do != "leave"]
         spans = [(fault.at, fault.at + fault.seconds + back) for fault in away]
         leaves = [fault for fault in timed if fault.whom == host and fault.do == "leave"]
@@ -195,6 +202,10 @@ def drawn(seed: int) -> Plan:
         if endless.random() < 0.5:  # so that a cancel that is lost shows
             jobs[number] = _without_an_end(jobs[number])
     faults += _ambushes(random.Random(f"ambushes {seed}"), nodes, latency)
+    faults += _ambushes_of_steps(random.Random(f"steps {seed}"), nodes, latency, hosts)
+    faults += _cut_off_at_a_takeover(random.Random(f"takeover {seed}"), length, hosts)
+    slow = random.Random(f"slow {seed}")
+    takes *= slow.uniform(*_OUTLASTS) if slow.random() < 0.15 else 1.0
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
     return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)
 
@@ -223,11 +234,54 @@ def _ambushes(draw: random.Random, nodes: int, latency: float) -> list[Fault]:
         many = max(1, nodes // 4) if draw.random() < 0.3 else 1
         killed = [f"node {node}" for node in draw.sample(range(nodes), many)]
         killed = [draw.choice(_SPECIAL)] if draw.random() < 0.3 else killed
-        upon: Literal["question", "proposal"] = "question" if draw.random() < 0.75 else "proposal"
+        upon = "question" if draw.random() < 0.75 else "proposal"
         count = draw.randint(1, _MOST_QUESTIONS if upon == "question" else 2)
         at = draw.expovariate(1.0 / (_AFTER * latency))
         found += [Fault(at, "kill", whom, upon=upon, count=count) for whom in killed]
     return found
+
+
+def _ambushes_of_steps(draw: random.Random, nodes: int, latency: float, hosts: tuple[PlannedHost, ...]) -> list[Fault]:
+    """Return faults just after a step of a job that is rare, so that the n-th of all questions hardly ever meets it."""
+    found: list[Fault] = []
+    for _ in range(draw.choice((0, 0, 1, 2))):
+        if draw.random() < 0.25:  # at once: a stop is soon known to all cells
+            at, count = draw.expovariate(1.0 / latency), draw.choice((1, 1, 2))
+            killed = draw.choice(((PROPOSER,), (PROPOSER, NEIGHBOUR), (NEIGHBOUR,)))
+            found += [Fault(at, "kill", whom, upon="proposal", count=count) for whom in killed]
+        else:
+            at, count = draw.expovariate(1.0 / (_AFTER * latency)), draw.randint(1, _MOST_OF_A_KIND)
+            faults = _drawn_faults_in_a_step(draw, nodes, hosts)
+            upon = draw.choice(_STEPS_OF_JOBS)
+            found += [replace(fault, at=at, upon=upon, count=count) for fault in faults]
+    return found
+
+
+def _drawn_faults_in_a_step(draw: random.Random, nodes: int, hosts: tuple[PlannedHost, ...]) -> list[Fault]:
+    kind, seconds, one = draw.random(), draw.uniform(0.05, 3.0), f"node {draw.randrange(nodes)}"
+    if kind < 0.07:  # no node is left that has a deme and can be reached
+        return [
+            Fault(0.0, "kill", whom) if draw.random() < 0.6 else Fault(0.0, "part", whom, seconds, other="router")
+            for whom in (f"node {node}" for node in range(nodes))
+        ]
+    if kind < 0.5:
+        special = draw.choice(_SPECIAL)
+        killed = draw.choice(((one,), (one, special), (special,), ("spy", "coordinator")))
+        return [Fault(0.0, "kill", whom) for whom in killed]
+    whom = draw.choice(hosts).name if hosts and draw.random() < 0.7 else one
+    if kind < 0.6 and whom != one:
+        return [Fault(0.0, "leave", whom, seconds)]
+    away = Fault(0.0, "stop", one, seconds) if kind < 0.7 else Fault(0.0, "part", whom, seconds, other="router")
+    return [away, Fault(0.0, "kill", "coordinator")] if draw.random() < 0.4 else [away]
+
+
+def _cut_off_at_a_takeover(draw: random.Random, length: float, hosts: tuple[PlannedHost, ...]) -> list[Fault]:
+    """Return the death of a coordinator soon after a host was cut off, which may have all nodes of a job."""
+    if not hosts or draw.random() >= 0.15:
+        return []
+    at, host = draw.uniform(0.0, length), draw.choice(hosts).name
+    cut = Fault(at, "part", host, draw.uniform(1.0, _HOST_AWAY), other="router")
+    return [cut, Fault(at + draw.expovariate(1 / _SOON), "kill", "coordinator")]
 
 
 def _with_an_end(draw: random.Random, job: PlannedJob) -> PlannedJob:

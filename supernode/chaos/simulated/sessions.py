@@ -68,8 +68,7 @@ class Session(Station):
     def __init__(
         self, network: Network, process: Process, listen: list[str], connect: list[str], *, is_peer: bool = False
     ) -> None:
-        super().__init__(network, process)
-        self.is_peer = is_peer
+        super().__init__(network, process, is_peer=is_peer)
         self._declared: list[Declared] = []
         self._watchers: list[Declared] = []
         self._asked: dict[int, _Asked] = {}

@@ -27,9 +27,10 @@ from supernode.chaos.simulated.world import Process, World
 
 _READY_WITHIN = 60.0  # seconds of simulated time
 _ENDS_WITHIN = 300.0  # seconds after the last fault
-_STOPS_WITHIN = 30.0  # seconds from the end of the last job until all cells have stopped
+_STOPS_WITHIN = 30.0  # seconds from the end of the last job until all cells have stopped, and links are closed
 _COMMIT = 3e-3  # seconds, mean, that a commit takes
 _LOOK_EVERY = 0.02  # seconds between two looks at the cluster
+_LOOK_CLOSELY_EVERY = 0.5e-3  # seconds between two looks for cells that propose to stop, where a fault waits for that
 
 
 @dataclass
@@ -113,10 +114,10 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
         ambushes = Ambushes(world, cluster, plan.faults, invariants.expect_faults_until)
         network.asked = ambushes.asked
         world.at(ready, lambda: invariants.look(_LOOK_EVERY))
-        world.at(ready, lambda: ambushes.look(_LOOK_EVERY))
+        world.at(ready, lambda: ambushes.look(_LOOK_CLOSELY_EVERY))
         over = world.run(lambda: world.now > last and invariants.all_ended(len(plan.jobs)), last + _ENDS_WITHIN)
         if over:
-            world.run(lambda: not invariants.strays(), world.now + _STOPS_WITHIN)
+            world.run(lambda: not (invariants.strays() or invariants.leaking()), world.now + _STOPS_WITHIN)
         else:
             broken.append(f"not all jobs ended: {[(job.id, job.status) for job in client.jobs]}")
         invariants.at_the_end()
