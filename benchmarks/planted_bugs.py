@@ -104,10 +104,16 @@ BUGS = (
         "self._driver.start(assignment, Start(genomes, None))",
     ),
     Bug(
-        "a new spy believes that it knows all jobs",
+        "an answer to the problem before a change counts for the one after it",
         "spy.process",
-        'f"the spy is not at job {command.job}, epoch {command.epoch}", "stranger"',
-        'f"the spy is not at job {command.job}, epoch {command.epoch}", "input"',
+        "if before is not None and before.problem == problem and before.collector",
+        "if before is not None and before.collector",
+    ),
+    Bug(
+        "the spy does not tell its last answer to a coordinator that begins a job again",
+        "spy.process",
+        "return None if best is None else best.encode().hex()",
+        "return None if best is None else None",
     ),
     Bug(
         "the spy forgets what the reports say of the best",
@@ -126,12 +132,6 @@ BUGS = (
         "coordinator.jobs.recovering",
         "return beside.oldest <= generation <= max(beside.generation, dict(beside.heard).get(cell, 0))",
         "return True",
-    ),
-    Bug(
-        "the report of a cell that died counts although it goes on",
-        "coordinator.jobs.recovering",
-        "            epoch.reports.pop(cell, None)\n",
-        "            pass\n",
     ),
     Bug(
         "a new process may have got no further than its state",
@@ -186,6 +186,18 @@ BUGS = (
         "coordinator.service.joined",
         "            return sorted(needed.intersection(nodes))",
         "            return []",
+    ),
+    Bug(
+        "a host that is told to end does not wait until jobs have left it",
+        "coordinator.launch.host",
+        "if needed == () or time.monotonic()",
+        "if needed is not None or time.monotonic()",
+    ),
+    Bug(
+        "a host's agent that has died asks for numbers once more",
+        "coordinator.launch.host",
+        "    if not host.nodes:\n        here[0]",
+        "    if True:\n        here[0]",
     ),
     Bug(
         "a cancel that was answered dies with its coordinator",

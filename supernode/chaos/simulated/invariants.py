@@ -18,7 +18,7 @@ from supernode.chaos.simulated.world import World
 
 _SPY_IS_TOLD_WITHIN = 10.0  # seconds from when the spy or the faults end until it knows the jobs
 _STANDS_STILL = 10.0  # seconds; lost messages are asked for after a second
-_DROPPED_WITHIN = 10.0  # seconds from when a host is back until its nodes have forgotten jobs that run elsewhere
+_DROPPED_WITHIN = 7.0  # seconds from when a host is back until its nodes have forgotten jobs that run elsewhere
 _BY_ITSELF = ("solved", "stalled", "exhausted")  # how a job ends that nobody stops
 _OF_DEATHS = {"replace", "resume"}  # directives of epochs that began because cells could not go on exactly
 

@@ -108,11 +108,13 @@ class PlannedRequest:
     Attributes:
         do: "cancel", "rewire" (as a ring), or "update" (of the function that is to be minimized).
         job: the number of the job among those of the plan.
+        function: of an update, the function that is to be minimized from then on.
     """
 
     at: float
     do: Literal["cancel", "rewire", "update"]
     job: int
+    function: Literal["sphere", "rastrigin"] = "sphere"
 
     def of(self, id: str, job: PlannedJob) -> Request:
         """Return the request, for the job of that id."""
@@ -120,7 +122,7 @@ class PlannedRequest:
             return Cancel(id)
         if self.do == "rewire":
             return Rewire(id, f"ring {topologies.parse(job.topology).cells}")
-        return Update(id, json.dumps({"name": "sphere"}))
+        return Update(id, json.dumps({"name": self.function}))
 
 
 @dataclass(frozen=True)
@@ -193,6 +195,7 @@ def drawn(seed: int) -> Plan:
         at = draw.uniform(0.0, length)
         faults += [Fault(at, "kill", f"node {node}") for node in draw.sample(range(nodes), max(1, nodes // 4))]
     requests = [_drawn_request(draw, len(jobs), length) for _ in range(draw.choice((0, 0, 0, 1, 2)))]
+    requests += _updates_back(random.Random(f"back {seed}"), requests)
     if draw.random() < 0.5:
         faults = _brought_together(draw, faults, [job.at for job in jobs] + [request.at for request in requests])
     ends = random.Random(f"ends {seed}")
@@ -203,9 +206,11 @@ def drawn(seed: int) -> Plan:
             jobs[number] = _without_an_end(jobs[number])
     faults += _ambushes(random.Random(f"ambushes {seed}"), nodes, latency)
     faults += _ambushes_of_steps(random.Random(f"steps {seed}"), nodes, latency, hosts)
-    faults += _cut_off_at_a_takeover(random.Random(f"takeover {seed}"), length, hosts)
+    faults += (cut := _cut_off_at_a_takeover(random.Random(f"takeover {seed}"), length, hosts))
+    if hosts and random.Random(f"room {seed}").random() < 0.5:  # so that it can move, or begin again elsewhere
+        jobs[0] = replace(jobs[0], topology="torus 2x2")
     slow = random.Random(f"slow {seed}")
-    takes *= slow.uniform(*_OUTLASTS) if slow.random() < 0.15 else 1.0
+    takes *= slow.uniform(*_OUTLASTS) if slow.random() < (0.7 if cut else 0.15) else 1.0
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
     return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)
 
@@ -270,7 +275,7 @@ def _drawn_faults_in_a_step(draw: random.Random, nodes: int, hosts: tuple[Planne
         return [Fault(0.0, "kill", whom) for whom in killed]
     whom = draw.choice(hosts).name if hosts and draw.random() < 0.7 else one
     if kind < 0.6 and whom != one:
-        return [Fault(0.0, "leave", whom, seconds)]
+        return [Fault(0.0, "leave", each, seconds) for each in dict.fromkeys((whom, draw.choice(hosts).name))]
     away = Fault(0.0, "stop", one, seconds) if kind < 0.7 else Fault(0.0, "part", whom, seconds, other="router")
     return [away, Fault(0.0, "kill", "coordinator")] if draw.random() < 0.4 else [away]
 
@@ -301,6 +306,12 @@ def _without_an_end(job: PlannedJob) -> PlannedJob:
 def _drawn_request(draw: random.Random, jobs: int, length: float) -> PlannedRequest:
     kinds: tuple[Literal["cancel", "rewire", "update"], ...] = ("cancel", "rewire", "rewire", "update", "update")
     return PlannedRequest(draw.uniform(0.0, length), draw.choice(kinds), draw.randrange(jobs))
+
+
+def _updates_back(draw: random.Random, requests: list[PlannedRequest]) -> list[PlannedRequest]:
+    """Return updates to the first function, whose values are larger: the best answer before must not count then."""
+    updates = [request for request in requests if request.do == "update" and draw.random() < 0.5]
+    return [replace(each, at=each.at + draw.uniform(0.1, 2.0), function="rastrigin") for each in updates]
 
 
 def _drawn_hosts(draw: random.Random, nodes: int) -> tuple[PlannedHost, ...]:
