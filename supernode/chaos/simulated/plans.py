@@ -276,7 +276,9 @@ def _drawn_faults_in_a_step(draw: random.Random, nodes: int, hosts: tuple[Planne
     whom = draw.choice(hosts).name if hosts and draw.random() < 0.7 else one
     if kind < 0.6 and whom != one:
         return [Fault(0.0, "leave", each, seconds) for each in dict.fromkeys((whom, draw.choice(hosts).name))]
-    away = Fault(0.0, "stop", one, seconds) if kind < 0.7 else Fault(0.0, "part", whom, seconds, other="router")
+    if kind < 0.66 and whom != one:
+        return [Fault(0.0, "kill", f"agent {whom}")]
+    away = Fault(0.0, "stop", one, seconds) if kind < 0.72 else Fault(0.0, "part", whom, seconds, other="router")
     return [away, Fault(0.0, "kill", "coordinator")] if draw.random() < 0.4 else [away]
 
 
