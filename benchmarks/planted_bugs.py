@@ -188,10 +188,10 @@ BUGS = (
         "            return []",
     ),
     Bug(
-        "a host that is told to end does not wait until jobs have left it",
+        "a host takes no numbers for an answer, though the disk may be full",
         "coordinator.launch.host",
-        "if needed == () or time.monotonic()",
-        "if needed is not None or time.monotonic()",
+        "if numbers := _read(reply.ok.payload.to_bytes()):",
+        "if (numbers := _read(reply.ok.payload.to_bytes())) or True:",
     ),
     Bug(
         "a host's agent that has died asks for numbers once more",

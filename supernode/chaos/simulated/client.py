@@ -1,5 +1,6 @@
 """A client of a simulated cluster: it submits jobs, hears their improvements, and waits for their ends."""
 
+import json
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,7 +10,7 @@ from supernode.chaos.simulated.network import Network
 from supernode.chaos.simulated.samples import Callback, Sample
 from supernode.chaos.simulated.world import EPOCH, Process, World
 from supernode.chaos.simulated.zenoh_module import Zenoh
-from wire.jobs import Cancel, Done, Request, Show, Submit, decode_answer, encode
+from wire.jobs import Cancel, Done, Request, Show, Submit, Update, decode_answer, encode
 from wire.keys import ANYONE, Keys
 from wire.news import Improvement
 
@@ -84,7 +85,9 @@ class SimulatedClient:
                 self._world.sleep(_AGAIN)
         answer = self._ask(session, request)
         if isinstance(answer, Done) and not isinstance(request, Cancel):
-            next(asked for asked in self.jobs if asked.id == id).changed.add(request.name)
+            asked = next(asked for asked in self.jobs if asked.id == id)
+            if not _may_change_nothing(asked.file, request):
+                asked.changed.add(request.name)
         self._world.say(f"client: {request.name} of {id} is answered: {answer}")
 
     def _session(self) -> Any:
@@ -135,3 +138,8 @@ class SimulatedClient:
                     if isinstance(answer, Done) or answer.blame == "input":  # else it may work later
                         return answer
             self._world.sleep(_AGAIN)
+
+
+def _may_change_nothing(file: ProblemFile, request: Request) -> bool:
+    """Return whether a request is an update to what the job was submitted with, which may be what it has."""
+    return isinstance(request, Update) and json.loads(request.patch).items() <= file.fields.items()
