@@ -283,12 +283,14 @@ def _drawn_faults_in_a_step(draw: random.Random, nodes: int, hosts: tuple[Planne
 
 
 def _cut_off_at_a_takeover(draw: random.Random, length: float, hosts: tuple[PlannedHost, ...]) -> list[Fault]:
-    """Return the death of a coordinator soon after a host was cut off, which may have all nodes of a job."""
+    """Return the death of a coordinator soon after all hosts were cut off, or one, perhaps with all nodes of a job."""
     if not hosts or draw.random() >= 0.15:
         return []
     at, host = draw.uniform(0.0, length), draw.choice(hosts).name
     cut = Fault(at, "part", host, draw.uniform(1.0, _HOST_AWAY), other="router")
-    return [cut, Fault(at + draw.expovariate(1 / _SOON), "kill", "coordinator")]
+    killed = Fault(at + draw.expovariate(1 / _SOON), "kill", "coordinator")
+    hosts_cut = [each.name for each in hosts] if draw.random() < 0.4 else [host]
+    return [*(replace(cut, whom=each) for each in hosts_cut), killed]
 
 
 def _with_an_end(draw: random.Random, job: PlannedJob) -> PlannedJob:
