@@ -243,6 +243,12 @@ BUGS = (
         "return self._is_restored and self._scheduler.nodes_of(job) is None and",
     ),
     Bug(
+        "cells of a job that has begun again elsewhere report as it is halted",
+        "coordinator.jobs.replacing",
+        "Halt(self._job.number, epoch.number, epoch.wiring_number)",
+        "Halt(self._job.number, epoch.number)",
+    ),
+    Bug(
         "a node that is back is not asked for its report if others were asked for something else",
         "coordinator.jobs.calls",
         "self._put_off.append(news)  # a node that is back may have missed an earlier question as well",
@@ -299,7 +305,7 @@ BUGS = (
     Bug(
         "a node begins an epoch for which a dead coordinator has prepared it",
         "node.epochs",
-        " and command.wiring in (None, links.wiring.number)",
+        " and wiring in (None, links.wiring.number)",
         "",
     ),
     Bug(

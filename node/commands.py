@@ -7,7 +7,7 @@ import zenoh
 
 from node.assignment import Assignment
 from node.driver import Driver
-from node.epochs import Epochs
+from node.epochs import Epochs, InAnEpoch, is_meant
 from node.events import Asked, AskedForStates, Propose
 from node.events import Halt as Halted
 from node.fingerprint import fingerprint
@@ -18,7 +18,6 @@ from wire.control import (
     Command,
     Done,
     Drop,
-    Finish,
     Halt,
     Look,
     Missed,
@@ -29,9 +28,6 @@ from wire.control import (
 )
 from wire.seal import Seal
 from wire.strict import Rejected
-
-InAnEpoch = ProposeStop | Halt | Missed | TellStates | Finish
-"""The commands for the cell of one epoch."""
 
 
 class Commands:
@@ -69,7 +65,7 @@ class Commands:
     def _assignment_of(self, command: InAnEpoch) -> Assignment | None:
         """Return the epoch that the command is for, if this node is in it or has just left it; else None."""
         for assignment in (self._driver.assignment, self._epochs.past):
-            if assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
+            if assignment is not None and is_meant(command, assignment.job, assignment.epoch, assignment.links):
                 return assignment
         return None
 

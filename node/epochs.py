@@ -22,7 +22,23 @@ from node.suspects import Suspects
 from node.telemetry import Telemetry
 from problems import BadInput, registry
 from topologies import Topology
-from wire.control import Begin, Command, Done, Drop, Halt, Prepare, Refused, TellStates, Wiring
+from wire.control import (
+    Begin,
+    Command,
+    Done,
+    Drop,
+    Finish,
+    Halt,
+    Missed,
+    Prepare,
+    ProposeStop,
+    Refused,
+    TellStates,
+    Wiring,
+)
+
+InAnEpoch = ProposeStop | Halt | Missed | TellStates | Finish
+"""The commands for the cell of one epoch."""
 
 
 class Epochs:
@@ -205,14 +221,14 @@ class Epochs:
     def begin(self, command: Begin, query: zenoh.Query) -> None:
         """Begin an epoch. If asked again, as by a coordinator that takes over, report to the latest query only."""
         assignment, coming = self._driver.assignment, self._driver.coming
-        if coming is not None and _is_meant(command, coming.job, coming.plan.epoch, coming.links):
+        if coming is not None and is_meant(command, coming.job, coming.plan.epoch, coming.links):
             coming.begun = query
             self._enter_next_epoch()
-        elif assignment is not None and _is_meant(command, assignment.job, assignment.epoch, assignment.links):
+        elif assignment is not None and is_meant(command, assignment.job, assignment.epoch, assignment.links):
             if assignment.cell.state == "prepared":
                 self._driver.start(assignment, Start())
             self.answer_with_report(assignment, query)
-        elif self.past is not None and _is_meant(command, self.past.job, self.past.epoch, self.past.links):
+        elif self.past is not None and is_meant(command, self.past.job, self.past.epoch, self.past.links):
             self.answer_with_report(self.past, query)  # the report may have been lost the first time
         else:
             drop(query)
@@ -283,6 +299,7 @@ class Epochs:
             self._driver.coming = None
 
 
-def _is_meant(command: Begin, job: int, epoch: int, links: Links) -> bool:
-    """Return whether a node that was prepared for an epoch of a job, with these links, is to begin it."""
-    return (job, epoch) == (command.job, command.epoch) and command.wiring in (None, links.wiring.number)
+def is_meant(command: Begin | InAnEpoch, job: int, epoch: int, links: Links) -> bool:
+    """Return whether a command is for a node that is in that epoch of a job, or prepared for it, with these links."""
+    wiring = command.wiring if isinstance(command, Begin | Halt | TellStates) else None
+    return (job, epoch) == (command.job, command.epoch) and wiring in (None, links.wiring.number)

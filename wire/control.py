@@ -118,11 +118,19 @@ class ProposeStop:
 
 @dataclass(frozen=True)
 class Halt:
-    """Stop at once, in whatever generation: a node has died, and its neighbours would wait for it for ever."""
+    """Stop at once, in whatever generation: a node has died, and its neighbours would wait for it for ever.
+
+    Attributes:
+        job: the job's number.
+        epoch: the epoch's number in the job.
+        wiring: the number of the epoch's wiring. A cell with another one, of a job that has begun again elsewhere while
+            its nodes were cut off, ignores the command. None: any, since the number is not known.
+    """
 
     name: ClassVar[str] = "halt"
     job: int
     epoch: int
+    wiring: int | None = None
 
 
 @dataclass(frozen=True)
@@ -183,13 +191,17 @@ class TellStates:
     """Ask the cells of an epoch which states of their neighbours they keep; each answers with `KeptStates`.
 
     Attributes:
+        job: the job's number.
+        epoch: the epoch's number in the job.
         once: whether the states of each cell are to come from one neighbour only, the first that it names.
+        wiring: the number of the epoch's wiring, as in `Halt`.
     """
 
     name: ClassVar[str] = "tell states"
     job: int
     epoch: int
     once: bool = False
+    wiring: int | None = None
 
 
 Command = Prepare | Begin | ProposeStop | Halt | Look | Drop | Missed | Finish | TellStates
@@ -380,11 +392,11 @@ _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], .
     ),
     Begin.name: (Begin, (count, count, _maybe_count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),
-    Halt.name: (Halt, (count, count)),
+    Halt.name: (Halt, (count, count, _maybe_count)),
     Look.name: (Look, (count,)),
     Drop.name: (Drop, (count,)),
     Missed.name: (Missed, (count, count, count)),
-    TellStates.name: (TellStates, (count, count, _flag)),
+    TellStates.name: (TellStates, (count, count, _flag, _maybe_count)),
     Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states, count)),
 }
 """The class of each command, and the readers of its fields in the order of their definition: fields travel by position,

@@ -58,7 +58,7 @@ class Checkpointing:
         self._told.clear()
         self.look_at = None  # until the question is over: a cell answers between two generations
         self._question = job.calls.ask_for_states(
-            job.keys.every_control, TellStates(job.number, job.epoch.number, once=True)
+            job.keys.every_control, TellStates(job.number, job.epoch.number, True, job.epoch.wiring_number)
         )
 
     def hear(self, told: StatesTold) -> None:

@@ -170,8 +170,8 @@ class ConductedJob:
 
         Needed again after the death of the coordinator that asked before, or of the router that carried the question.
         """
-        wiring = epoch.wiring.number if epoch.wiring_is_known else None
-        epoch.asked = self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, epoch.number, wiring))
+        command = Begin(self.number, epoch.number, epoch.wiring_number)
+        epoch.asked = self.calls.ask_for_reports(self.keys.every_control, command)
 
     def note(self, number: int, report: Report) -> str | None:
         """Note the report of a cell that has stopped in epoch ``number``; return its message if the cell failed."""

@@ -62,6 +62,11 @@ class Epoch:
         return len(self.wiring.nodes)
 
     @property
+    def wiring_number(self) -> int | None:
+        """The number of the epoch's wiring; None if it is not known."""
+        return self.wiring.number if self.wiring_is_known else None
+
+    @property
     def is_fresh(self) -> bool:
         """Whether this epoch is another attempt, which begins with new individuals."""
         return self.why.get("do") == "retry"

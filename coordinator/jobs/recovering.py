@@ -103,7 +103,7 @@ class Recovering:
         """
         job, key = self._job, self._job.keys.every_control
         questions: list[tuple[str, Command]] = [
-            (key, TellStates(job.number, job.epoch.number)),
+            (key, TellStates(job.number, job.epoch.number, wiring=job.epoch.wiring_number)),
             (key, Look(job.number)),
         ]
         kept: dict[int, KeptStates] = {}

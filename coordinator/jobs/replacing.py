@@ -194,7 +194,8 @@ class Replacing:
         """
         for epoch in self._job.epochs.known:
             self._job.ask_for_reports(epoch)
-            self._job.calls.ask_for_reports(self._job.keys.every_control, Halt(self._job.number, epoch.number))
+            command = Halt(self._job.number, epoch.number, epoch.wiring_number)
+            self._job.calls.ask_for_reports(self._job.keys.every_control, command)
 
     def _begin_with_new_nodes(self, before: Epoch, states: Mapping[int, bytes]) -> None:
         """Begin the epoch after a death or a move; its directive says everything that a replay needs to repeat it.

@@ -188,10 +188,10 @@ READERS = {
     "finish": (control.decode, control.encode(FINISH)),
     "begin": (control.decode, control.encode(Begin(3, 1, 4))),
     "stop": (control.decode, control.encode(ProposeStop(3, 1, "cancel"))),
-    "halt": (control.decode, control.encode(Halt(3, 1))),
+    "halt": (control.decode, control.encode(Halt(3, 1, 7))),
     "look": (control.decode, control.encode(Look(3))),
     "missed": (control.decode, control.encode(Missed(3, 1, 9))),
-    "tell states": (control.decode, control.encode(TellStates(3, 1))),
+    "tell states": (control.decode, control.encode(TellStates(3, 1, wiring=7))),
     "kept states": (
         control.decode_answer,
         control.encode_answer(KeptStates(2, 40, 30, ((1, 32, b"state"),), ((1, 40),), True, 44)),
