@@ -53,13 +53,13 @@ def test_cells_of_a_job_that_began_again_elsewhere_end_once_their_host_is_back(f
 
 def test_cells_of_a_job_that_began_again_elsewhere_have_no_say_as_it_moves(file):
     """They are cut off as a coordinator takes over, come back, and are still there as the job is halted to move."""
-    hosts = tuple(PlannedHost(0.1 * place, f"h{place}", 2, "") for place in (0, 1, 2))
+    hosts = tuple(PlannedHost(0.3 + 0.2 * place, f"h{place}", 2, "") for place in (0, 1, 2))
     job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=2, deme=1, generations=300, seconds=None)
     cut = tuple(Fault(1.2, "part", f"h{place}", 1.0, other="router") for place in (0, 1, 2))
     killed = Fault(1.5, "kill", "coordinator"), Fault(1.6, "stop", "router", 2.2)
     for leaves in ("h0", "h1", "h2"):
         faults = (*cut, *killed, Fault(7.5, "leave", leaves, 5.0))
-        outcome = run(Plan(2, "torus 2x3", hosts, (job,), (), latency=1e-3, work=0.05, faults=faults), file)
+        outcome = run(Plan(3, "torus 2x3", hosts, (job,), (), latency=1e-3, work=0.05, faults=faults), file)
         assert any("all its hosts are out of reach" in line for line in outcome.log)
         assert not outcome.broken, in_words(outcome)
 
