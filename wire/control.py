@@ -121,8 +121,6 @@ class Halt:
     """Stop at once, in whatever generation: a node has died, and its neighbours would wait for it for ever.
 
     Attributes:
-        job: the job's number.
-        epoch: the epoch's number in the job.
         wiring: the number of the epoch's wiring. A cell with another one, of a job that has begun again elsewhere while
             its nodes were cut off, ignores the command. None: any, since the number is not known.
     """
@@ -191,8 +189,6 @@ class TellStates:
     """Ask the cells of an epoch which states of their neighbours they keep; each answers with `KeptStates`.
 
     Attributes:
-        job: the job's number.
-        epoch: the epoch's number in the job.
         once: whether the states of each cell are to come from one neighbour only, the first that it names.
         wiring: the number of the epoch's wiring, as in `Halt`.
     """
