@@ -1,4 +1,4 @@
-"""Plant bugs in nodes, spy and coordinator, one at a time, and count the simulated trials until each is found.
+"""Plant bugs in nodes, spy, hosts and coordinator, one at a time, and count the simulated trials until each is found.
 
 Usage: python -m benchmarks.planted_bugs [--most 2000] [--only NAME]
 
