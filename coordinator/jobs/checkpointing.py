@@ -57,9 +57,8 @@ class Checkpointing:
             self._begins = True
         self._told.clear()
         self.look_at = None  # until the question is over: a cell answers between two generations
-        self._question = job.calls.ask_for_states(
-            job.keys.every_control, TellStates(job.number, job.epoch.number, True, job.epoch.wiring_number)
-        )
+        command = TellStates(job.number, job.epoch.number, once=True, wiring=job.epoch.wiring_number)
+        self._question = job.calls.ask_for_states(job.keys.every_control, command)
 
     def hear(self, told: StatesTold) -> None:
         """Take a cell's answer; make a checkpoint once there are states of all cells."""

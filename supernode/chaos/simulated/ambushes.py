@@ -37,6 +37,8 @@ class Ambushes:
 
     def asked(self, sealed: bytes) -> None:
         """Note that a coordinator has asked a question, of which this is the sealed command."""
+        if not self._waiting:
+            return
         self._count("question")
         with contextlib.suppress(Rejected):  # a question to a host is no command
             self._count(control.decode(sealed[HEAD_BYTES:]).name)

@@ -74,7 +74,7 @@ class Invariants:
         return [node for node, process in nodes if self._cluster.open_links(node) > len(process.epochs.wirings)]
 
     def at_the_end(self) -> None:
-        """Look at what the client was told, and whether all nodes have stopped."""
+        """Look at what the client was told, and whether all nodes have stopped and closed their links."""
         if strays := self.strays():
             self._complain(f"all jobs have ended, but nodes {strays} still run cells")
         if leaking := self.leaking():

@@ -2,22 +2,14 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-from problems import load
 from supernode.chaos.simulated.plans import NEIGHBOUR, PROPOSER, Fault, Plan, PlannedJob
 from supernode.chaos.simulated.trial import run
 
-PROBLEM = Path(__file__).resolve().parents[3] / "examples" / "rastrigin.toml"
 JOB = PlannedJob(0.0, "torus 2x3", "lockstep", seed=1, deme=1, generations=200, seconds=None)
 PLAN = Plan(1, "torus 2x3", (), (JOB,), (), latency=1e-3, work=5e-3, faults=())
-
-
-@pytest.fixture(scope="module")
-def file():
-    return load(str(PROBLEM))
 
 
 def killed(outcome):

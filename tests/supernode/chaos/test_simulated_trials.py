@@ -10,7 +10,6 @@ import pytest
 from command_line import in_process
 
 from benchmarks import planted_bugs
-from problems import load
 from supernode.chaos.simulated.campaign import in_words, trial
 from supernode.chaos.simulated.plans import Fault, Plan, PlannedHost, PlannedJob, drawn
 from supernode.chaos.simulated.trial import Outcome, run, shortest
@@ -19,11 +18,6 @@ ROOT = Path(__file__).resolve().parents[3]
 PROBLEM = ROOT / "examples" / "rastrigin.toml"
 SEEDS = 200
 IN_A_BLOCK = 10
-
-
-@pytest.fixture(scope="module")
-def file():
-    return load(str(PROBLEM))
 
 
 @pytest.mark.timeout(300)
