@@ -88,7 +88,7 @@ PURE = [
     *(ROOT / "node" / "engine").glob("*.py"),
     *(
         ROOT / "coordinator" / "jobs" / f"{name}.py"
-        for name in ("client_limits", "client_queues", "scheduler", "states")
+        for name in ("client_limits", "client_queues", "returning_clients", "scheduler", "states")
     ),
 ]
 # What only lowlevel/ may use: modules, and names of private parts of numba, CPython and Linux.

@@ -1,7 +1,8 @@
 """The jobs that wait for nodes: a queue for each client, and whose turn it is.
 
 Clients take turns: the next job is that of the client whose latest job has started the longest ago, and of its jobs the
-one with the highest priority.
+one with the highest priority. A client with many jobs lets those with few go first, but waits for its turn no longer
+than a few seconds: who waits for one answer notices each delay, who waits for a hundred does not.
 """
 
 import itertools
@@ -9,6 +10,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 _CLIENTS_KEPT = 1000  # without keys anybody can make up names
+_FEW = 4  # jobs that wait; a client with more lets others go first
+_LONGEST = 5.0  # seconds for which it does
 
 
 class Waiting(NamedTuple):
@@ -26,13 +29,14 @@ class ClientQueues:
     def __init__(self) -> None:
         self._queues: dict[str, list[Waiting]] = {}  # by client, sorted; none is empty
         self._turns: dict[str, int] = {}  # by client, when its latest job started; the oldest first
+        self._since: dict[str, float] = {}  # by client with a queue, since when its first job waits for a turn
         self._starts = itertools.count()
 
     @property
     def numbers(self) -> tuple[int, ...]:
         """The jobs that wait, in the order of their turns; limits may let a later one pass."""
         in_turns = sorted(
-            (rank, self._turn(client), queue[0].number, waiting.number)
+            (len(queue) > _FEW, rank, self._turn(client), queue[0].number, waiting.number)
             for client, queue in self._queues.items()
             for rank, waiting in enumerate(queue)
         )
@@ -42,8 +46,13 @@ class ClientQueues:
         """Return how many jobs of a client wait."""
         return len(self._queues.get(client, ()))
 
-    def add(self, client: str, waiting: Waiting) -> None:
+    def yields(self, client: str, now: float) -> bool:
+        """Return whether a client with jobs in the queue lets others go first."""
+        return len(self._queues[client]) > _FEW and now - self._since[client] < _LONGEST
+
+    def add(self, client: str, waiting: Waiting, now: float) -> None:
         """Put a job into its client's queue, ordered by priority, then by number."""
+        self._since.setdefault(client, now)
         self._queues[client] = sorted([*self._queues.get(client, ()), waiting])
 
     def remove(self, number: int) -> bool:
@@ -55,14 +64,15 @@ class ClientQueues:
                 return True
         return False
 
-    def next(self, may_have: Callable[[str], int]) -> tuple[str, Waiting] | None:
+    def next(self, may_have: Callable[[str], int], now: float) -> tuple[str, Waiting] | None:
         """Return the job that starts next, with its client; None if none waits whose client may have its nodes.
 
         Args:
             may_have: returns how many further nodes a client may have.
+            now: the time, in seconds, of a clock that never goes back.
         """
         heads = [
-            (self._turn(client), queue[0].number, client)
+            (self.yields(client, now), self._turn(client), queue[0].number, client)
             for client, queue in self._queues.items()
             if queue[0].cells <= may_have(client)
         ]
@@ -71,8 +81,9 @@ class ClientQueues:
         *_, client = min(heads)
         return client, self._queues[client][0]
 
-    def take(self, client: str) -> None:
+    def take(self, client: str, now: float) -> None:
         """Take the first job of a client out of its queue, since it starts: this was the client's turn."""
+        self._since[client] = now
         self._set(client, self._queues[client][1:])
         self._turns.pop(client, None)  # so that it becomes the latest
         self._turns[client] = next(self._starts)
@@ -83,7 +94,7 @@ class ClientQueues:
         if queue:
             self._queues[client] = queue
         else:
-            del self._queues[client]
+            del self._queues[client], self._since[client]
 
     def _turn(self, client: str) -> int:
         """Return when a client's latest job started: numbers that rise with time, -1 for never."""

@@ -81,9 +81,7 @@ class Dispatcher:
         first_wiring: int = 1,
         expected: int | None = None,
     ) -> None:
-        self.session = session
-        self.keys = keys
-        self._seal = seal
+        self.session, self.keys, self._seal = session, keys, seal
         self.hooks: Hooks = hooks or NoHooks()
         self._told = hooks is None  # else nobody would empty the jobs' event queues
         self.cpu_seconds = cpu_seconds
@@ -98,8 +96,9 @@ class Dispatcher:
         self.hosts_of, self.wiring_of = self._node_hosts.hosts_of, self._node_hosts.wiring
         self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node, its latest links; none of a replaced node
         nodes = () if expected is not None else tuple(range(topologies.parse(topology).cells))
+        joining, place_of = expected is not None, self._node_hosts.place_of
         self._scheduler = Scheduler(
-            expected or len(nodes), limits, joining=expected is not None, place_of=self._node_hosts.place_of
+            expected or len(nodes), limits, joining=joining, place_of=place_of, clock=time.monotonic
         )
         if wired and nodes:
             self._scheduler.wired(nodes, topology)
@@ -109,6 +108,7 @@ class Dispatcher:
         self._conductors: dict[int, Conductor] = {}
         self._forgetting = Forgetting(session, keys, seal)
         self._deadlines = Alarms(self._end_at_deadline)
+        self._kept_nodes = Alarms(lambda _: self._start())
         self._growing = Growing(self._lock, self._scheduler, self.jobs)
         self._listener = Listener(session, keys, self.jobs, self._conductors, self.hooks)
 
@@ -144,8 +144,7 @@ class Dispatcher:
         job = JobEntry(spec, self._told)
         with self._lock:
             topology = placement.file.run.topology
-            # First: its links may be open still.
-            wiring = self._node_hosts.taken_over(placement.wiring, placement.nodes)
+            wiring = self._node_hosts.taken_over(placement.wiring, placement.nodes)  # first: its links may be open
             self._scheduler.occupy(spec.number, placement.nodes, topology, spec.client)
             self._wirings |= dict.fromkeys(wiring.nodes, (topology, wiring))
             self.jobs[spec.number] = job
@@ -210,10 +209,9 @@ class Dispatcher:
         """Fail every job, also later ones: a process died that is not replaced, or the cluster is ``closing``."""
         with self._lock:
             self._failure = self._failure or message
-            jobs = list(self.jobs.values())
-            for job in jobs:
+            for job in self.jobs.values():
                 job.queue.put(Failure(self._failure, closing))
-            waiting = [job for job in jobs if self._scheduler.remove(job.spec.number)]
+            waiting = [job for job in self.jobs.values() if self._scheduler.remove(job.spec.number)]
         for job in waiting:
             self._conduct(job, ())
 
@@ -307,6 +305,8 @@ class Dispatcher:
         """Start the queued jobs for which there are nodes now. Called whenever a job comes or nodes become free."""
         with self._lock:
             placed: list[Placed] = self._scheduler.start()
+            if (again_at := self._scheduler.start_again_at) is not None:
+                self._kept_nodes.set(0, again_at)
         for number, nodes in placed:
             self._conduct(self.jobs[number], nodes)
         self._growing.look_soon()

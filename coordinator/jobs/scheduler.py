@@ -1,8 +1,9 @@
-"""Decide which job runs next, and on which nodes: a queue and the free nodes, without any input, output or clock.
+"""Decide which job runs next, and on which nodes: a queue and the free nodes, without input, output or a clock of its own.
 
 A job starts when it is at the head of the queue and enough nodes are free. A job that does not fit yet holds back those
 behind it: otherwise small jobs could overtake a large one for ever. Clients take turns (`client_queues`); one whose
-next job would have more nodes than it may have is passed over.
+next job would have more nodes than it may have is passed over. A client with many jobs, which lets others go first,
+leaves them also the nodes of those who are about to come back (`returning_clients`).
 
 Free nodes that are wired for the same topology already are preferred, since they need no new links; otherwise those
 whose wiring has been out of use the longest. Nodes on several hosts are chosen on few of them, and each host gets a
@@ -19,6 +20,7 @@ import topologies
 from coordinator.jobs.blocks import fewest_hosts, host_of_cells
 from coordinator.jobs.client_limits import NO_LIMITS, ClientLimits
 from coordinator.jobs.client_queues import ClientQueues, Waiting
+from coordinator.jobs.returning_clients import ReturningClients
 from problems.errors import BadInput
 from topologies.topology import Topology
 
@@ -57,6 +59,7 @@ class Scheduler:
         limits: what each client may take.
         joining: whether the nodes are still to join.
         place_of: where a node's host is, such as ``block/rack/host``; see `coordinator.jobs.blocks`.
+        clock: returns the time in seconds, which never goes back.
     """
 
     def __init__(
@@ -66,14 +69,18 @@ class Scheduler:
         *,
         joining: bool = False,
         place_of: Callable[[int], str] = lambda _: "",
+        clock: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._place_of = place_of
         self._expected = nodes
         self._here = set() if joining else set(range(nodes))
         self._limits = limits
+        self._clock = clock
         self._queues = ClientQueues()
+        self._returning = ReturningClients()
         self._busy: dict[int, tuple[int, ...]] = {}  # job to nodes, also to nodes that have left
         self._clients: dict[int, str] = {}  # job that has nodes to its client
+        self._began: dict[int, float] = {}  # job that has nodes to the time when it got them
         self._free = set(self._here)  # the nodes that are here and busy with no job
         self._leaving: set[int] = set()  # nodes that no further job gets, and whose cells move away
         self._away: set[int] = set()  # nodes out of reach, which no further job gets either
@@ -140,11 +147,12 @@ class Scheduler:
         waiting = Waiting(-priority, number, cells, topology_spec)
         others = self._queues.waiting(client)
         full = self._limits.waiting is not None and others >= self._limits.waiting
-        self._queues.add(client, waiting)
-        starts_at_once = self._next() == (client, waiting) and cells <= len(self._free)
+        self._queues.add(client, waiting, self._clock())
+        starts_at_once = self._next() == (client, waiting) and cells <= self._free_for(client)
         if full and not starts_at_once and not accepted_before:
             self.remove(number)
             raise QueueFull(f"the queue is full: {others} jobs wait, at most {self._limits.waiting} may")
+        self._returning.came(client, self._clock())
 
     def remove(self, number: int) -> bool:
         """Take a job out of the queue; return whether it was in it."""
@@ -152,7 +160,12 @@ class Scheduler:
 
     def _next(self) -> tuple[str, Waiting] | None:
         """Return the job that starts next, with its client; None if none waits whose client may have its nodes."""
-        return self._queues.next(self._room)
+        return self._queues.next(self._room, self._clock())
+
+    def _free_for(self, client: str) -> int:
+        """Return how many of the free nodes the next job of a client may have."""
+        kept = self._returning.kept(self._clock()) if self._queues.yields(client, self._clock()) else 0
+        return len(self._free) - kept
 
     def _room(self, client: str) -> int:
         """Return how many further nodes a client's jobs may have, whether there are so many or not.
@@ -165,18 +178,28 @@ class Scheduler:
     def start(self) -> list[Placed]:
         """Give nodes to the jobs that may start now, in the order of the queue, and return them."""
         placed = []
-        while (found := self._next()) is not None and found[1].cells <= len(self._free):
+        while (found := self._next()) is not None and found[1].cells <= self._free_for(found[0]):
             client, waiting = found
-            self._queues.take(client)
+            self._queues.take(client, self._clock())
             nodes = self._choose(waiting.cells, waiting.topology)
             self._take(waiting.number, nodes, waiting.topology, client)
             placed.append(Placed(waiting.number, nodes))
         return placed
 
+    @property
+    def start_again_at(self) -> float | None:
+        """When a job may start for which nodes are not free before, though nothing happens meanwhile; else None."""
+        return None if self._next() is None else self._returning.kept_until(self._clock())
+
     def free(self, number: int) -> None:
         """Free the nodes of a job that has ended; they stay wired as they are. Harmless if the job has none."""
-        self._clients.pop(number, None)
-        self._free.update(self._here.intersection(self._busy.pop(number, ())) - self._leaving - self._away)
+        if number not in self._busy:
+            return
+        nodes, client, now = self._busy.pop(number), self._clients.pop(number), self._clock()
+        self._free.update(self._here.intersection(nodes) - self._leaving - self._away)
+        seconds = now - self._began.pop(number)
+        if not self._queues.waiting(client):
+            self._returning.ended(client, len(nodes), seconds, now)
 
     def join(self, nodes: Iterable[int]) -> None:
         """Add nodes, new ones or some that had left; they have no links. Harmless for nodes that are here."""
@@ -289,7 +312,7 @@ class Scheduler:
 
     def _take(self, number: int, nodes: tuple[int, ...], topology: str | None, client: str) -> None:
         self._free.difference_update(nodes)
-        self._busy[number], self._clients[number] = nodes, client
+        self._busy[number], self._clients[number], self._began[number] = nodes, client, self._clock()
         self._wire(nodes, topology)
 
     def _wire(self, nodes: tuple[int, ...], topology: str | None) -> None:

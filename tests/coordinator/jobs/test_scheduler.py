@@ -514,3 +514,119 @@ def test_a_client_that_comes_back_is_next_and_too_many_names_are_forgotten(monke
         scheduler.free(number - 3)
         scheduler.start()
     assert len(scheduler._queues._turns) == 2
+
+
+# Clients with many jobs -----------------------------------------------------------------------------------------------
+class Clock:
+    """A clock that a test sets."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+class Flooded:
+    """A cluster for one job at a time, of which one client has twelve jobs, and a client that comes now and then."""
+
+    def __init__(self):
+        self.clock = Clock()
+        self.scheduler = Scheduler(4, clock=self.clock)
+        self.number = 0
+        self.running = []
+        for _ in range(12):
+            self.submit("flood")
+
+    def submit(self, client):
+        """Submit a job, and start what may start."""
+        self.number += 1
+        self.scheduler.add(self.number, 4, "torus 2x2", client=client)
+        return self.start()
+
+    def start(self):
+        """Start what may start; return whose job starts."""
+        placed = self.scheduler.start()
+        self.running += [each.number for each in placed]
+        return [self.scheduler._clients[each.number] for each in placed]
+
+    def end(self, seconds):
+        """End the running job after some seconds; return whose job starts in its place."""
+        self.clock.now += seconds
+        self.scheduler.free(self.running.pop())
+        return self.start()
+
+
+@pytest.fixture
+def flooded():
+    return Flooded()
+
+
+def test_a_client_with_many_jobs_lets_others_go_first(flooded):
+    flooded.submit("robot")
+    flooded.submit("robot")
+    assert flooded.scheduler.queued[:2] == (13, 14)
+    assert [flooded.end(0.1) for _ in range(4)] == [["robot"], ["robot"], ["flood"], ["flood"]]
+
+
+def test_a_client_with_many_jobs_has_its_turn_after_some_seconds(flooded):
+    for _ in range(3):
+        flooded.submit("robot")
+    assert [flooded.end(4.9), flooded.end(0.2), flooded.end(0.1)] == [["robot"], ["flood"], ["robot"]]
+
+
+def test_clients_with_many_jobs_take_turns(flooded):
+    for _ in range(12):
+        flooded.submit("researcher")
+    started = [flooded.end(0.1)[0] for _ in range(6)]
+    assert started == ["researcher", "flood"] * 3
+
+
+def test_nodes_are_kept_for_a_client_that_comes_back_at_once(flooded):
+    flooded.submit("robot")
+    assert flooded.end(0.1) == ["robot"]
+    assert flooded.end(0.1) == ["flood"], "nothing is known of this client yet"
+    flooded.submit("robot")
+    assert flooded.scheduler.start_again_at is None, "nobody waits for nodes that are kept"
+    assert flooded.end(0.05) == ["robot"]
+    assert flooded.end(0.1) == []
+    assert flooded.scheduler.start_again_at == pytest.approx(flooded.clock.now + 0.1)
+    assert flooded.submit("flood") == []
+    assert flooded.submit("robot") == ["robot"]
+    assert flooded.end(0.1) == []
+    flooded.clock.now = flooded.scheduler.start_again_at
+    assert flooded.start() == ["flood"]
+    assert flooded.scheduler.start_again_at is None
+
+
+def test_a_client_with_few_jobs_and_one_whose_turn_has_come_need_not_leave_nodes_to_others(flooded):
+    flooded.submit("robot")
+    flooded.end(0.1)
+    flooded.end(0.1)
+    flooded.submit("robot")
+    flooded.end(0.05)
+    flooded.clock.now += 4.9
+    assert flooded.end(0.1) == ["flood"]
+    flooded.submit("robot")
+    assert flooded.end(0.1) == ["robot"]
+    flooded.submit("other")
+    assert flooded.end(0.1) == ["other"]
+
+
+def test_only_as_many_nodes_are_kept_as_the_client_had():
+    clock = Clock()
+    scheduler = Scheduler(8, clock=clock)
+    for number, client in enumerate(["robot", *["flood"] * 12]):
+        scheduler.add(number, 4, "torus 2x2", client=client)
+    assert [placed.number for placed in scheduler.start()] == [0, 1]
+    for number, last in ((20, 0), (21, 20)):
+        clock.now += 0.1
+        scheduler.free(last)
+        scheduler.add(number, 4, "torus 2x2", client="robot")
+        assert [placed.number for placed in scheduler.start()] == [number]
+    clock.now += 0.1
+    scheduler.free(21)
+    assert scheduler.start() == []
+    scheduler.free(1)
+    assert [placed.number for placed in scheduler.start()] == [2]
+    assert scheduler.free_nodes == 4

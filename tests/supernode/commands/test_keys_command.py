@@ -209,6 +209,21 @@ def test_a_client_whose_jobs_are_long_leaves_nodes_to_others(keys, problem, tmp_
             other.submit(problem, topology="torus 2x4")
 
 
+def test_a_client_with_many_jobs_waits_for_one_that_comes_back_at_once_but_not_for_ever(keys, problem, tmp_path):
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    assert main(["keys", "add", str(keys), "client", "robot"]) == 0
+    with (
+        live(tmp_path / "state", "torus 2x2", "--keys", keys, "--listen", endpoint),
+        supernode.connect(endpoint, keys / "client") as one,
+        supernode.connect(endpoint, keys / "robot") as robot,
+    ):
+        many = [one.submit(problem, generations=200) for _ in range(12)]
+        for _ in range(4):
+            assert robot.submit(problem, generations=200).result(60).status == "exhausted"
+        assert many[-1].state() == "queued"
+        assert {each.result(60).status for each in many} == {"exhausted"}
+
+
 def test_keys_change_and_members_leave_while_a_job_runs(capsys, cluster, keys, endpoint, problem, tmp_path):
     file = supernode.load(problem).with_run(generations=4000, seed=3)
     assert run(capsys, "keys", "add", keys, "client", "guest")[0] == 0
