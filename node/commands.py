@@ -94,7 +94,13 @@ class Commands:
         """Answer a coordinator that looks for the nodes of a job. On the network thread."""
         assignment = self._driver.assignment
         if assignment is not None and assignment.job == command.job:
-            place = {"node": self._node, "cell": assignment.cell.number, "epoch": assignment.epoch}
+            cell = assignment.cell
+            place = {
+                "node": self._node,
+                "cell": cell.number,
+                "epoch": assignment.epoch,
+                "begun": cell.state != "prepared",
+            }
             answer(query, Done(json.dumps({**place, "wirings": self._epochs.wirings, "versions": fingerprint()})))
         else:  # so that the coordinator can tell this from a router that lets no question through
             answer(query, Done(json.dumps({"node": self._node, "cell": None})))

@@ -12,7 +12,7 @@ import queue
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import zenoh
@@ -272,6 +272,13 @@ class Calls:
         """Send a command without waiting for the answers."""
         tell(self.session, self._seal, key, command)
 
+    def best_told(self, key: str, job: int) -> Improvement | None:
+        """Return the best answer that the spy has told; see `best_told`. None if the cluster is being closed."""
+        if not self.closing:
+            with contextlib.suppress(zenoh.ZError):  # the session may be closed
+                return best_told(self.session, self._seal, key, job)
+        return None
+
     def next(self, deadline: float | None = None) -> object:
         """Return the next message, put-off ones first; None if there is none by ``deadline`` (monotonic clock).
 
@@ -332,6 +339,16 @@ def best_told(session: zenoh.Session, seal: Seal, key: str, job: int) -> Improve
             if isinstance(answer, Done):
                 return Improvement.decode(bytes.fromhex(json.loads(answer.note)))
     return None
+
+
+def better_of(best: Improvement | None, told: Improvement | None, epoch: int) -> Improvement | None:
+    """Return the better of the best answer that is known and one that the spy has told, if that is of this epoch."""
+    if told is not None and told.epoch > epoch and told.seconds == 0.0:
+        # It was carried to an epoch that has not begun, see `Improvement.carried_to`.
+        told = replace(told, epoch=epoch)
+    if told is None or told.epoch != epoch or (best is not None and told.order <= best.order):
+        return best
+    return told
 
 
 def _get(session: zenoh.Session, seal: Seal, key: str, command: Command, handler: Any, timeout: float) -> None:

@@ -4,7 +4,7 @@ import contextlib
 from dataclasses import replace
 
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.calls import GivenUpError
+from coordinator.jobs.calls import GivenUpError, better_of
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.job import StopRequest
 from spy.judgement import STATUS_OF, Judgement
@@ -12,6 +12,7 @@ from spy.past import stopped_after
 from spy.result import states_of, stop_reasons
 from topologies import ROOT
 from wire.control import Finish, Judged
+from wire.news import Improvement
 from wire.report import Proposal
 
 
@@ -97,7 +98,7 @@ class Ending:
 
     def after(self, error: Exception) -> Judgement:
         """Return the judgement of a job that an exception has ended."""
-        best = self._job.best
+        best = self._best_of_all()
         if isinstance(error, GivenUpError):
             status = STATUS_OF[error.stop_request.reason]
             if best is None:
@@ -109,3 +110,14 @@ class Ending:
             cancelled = stop_request is not None and stop_request.reason == "cancel" and self._job.calls.closing
             return Judgement("cancelled" if cancelled else "failed", False, str(error), best)
         return Judgement("failed", False, f"{type(error).__name__}: {error}", best)  # some mistake; clients wait
+
+    def _best_of_all(self) -> Improvement | None:
+        """Return the best answer to the problem of the latest epoch that anybody may know, though no spy judges it.
+
+        A client may have been told one that no coordinator has heard: while none lived, or as the router died.
+        """
+        job = self._job
+        if not job.nodes:  # it never ran, or its answer was asked for as it was queued again
+            return job.best
+        epoch = job.epoch.number if job.epochs else job.epochs.past.epochs
+        return better_of(job.best, job.calls.best_told(job.keys.spy_control, job.number), epoch)

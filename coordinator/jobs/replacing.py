@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Mapping
+from typing import Any
 
 import topologies
 from coordinator.errors import ClusterFailed
@@ -74,7 +75,7 @@ class Replacing:
             try:
                 answers = job.calls.ask([(key, Look(job.number)) for key in keys], 0, give_up=False)
                 for look in looks(answers):
-                    cells[look["node"]] = look["cell"]
+                    cells[look["node"]] = look["cell"] if _may_live_in(epoch, look) else None
                     if look["cell"] is not None:
                         job.versions = look["versions"]
                         job.dispatch.open_links(look["node"], look["wirings"])
@@ -258,6 +259,14 @@ class Replacing:
         if len(self._job.nodes) == epoch.cells:
             return epoch.file
         return epoch.file.changed({}, {"topology": _taller(epoch.topology, len(self._job.nodes))})
+
+
+def _may_live_in(epoch: Epoch, look: Mapping[str, Any]) -> bool:
+    """Return whether a node lives in an epoch, or will once that begins, as it says in its answer to `Look`.
+
+    A coordinator that died may have prepared new processes to begin the job again, in an epoch that never began.
+    """
+    return look["cell"] is not None and (look["begun"] or look["epoch"] <= epoch.number)
 
 
 def _lived_before(past: Past) -> int:

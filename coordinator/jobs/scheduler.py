@@ -1,4 +1,4 @@
-"""Decide which job runs next, and on which nodes: a queue and the free nodes, without input, output or a clock of its own.
+"""Decide which job runs next, and on which nodes: a queue and the free nodes. No input or output; the clock is given.
 
 A job starts when it is at the head of the queue and enough nodes are free. A job that does not fit yet holds back those
 behind it: otherwise small jobs could overtake a large one for ever. Clients take turns (`client_queues`); one whose

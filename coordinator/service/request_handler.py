@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import topologies
 from coordinator.errors import ClusterFailed
+from coordinator.jobs.calls import better_of
 from coordinator.jobs.checkpoint import CHECKPOINT_EVERY, Checkpoint
 from coordinator.jobs.hooks import JobRunner
 from coordinator.jobs.job import JobSpec, Placement
@@ -209,14 +210,10 @@ class RequestHandler:
 
     def _with_the_last_told(self, job: Stored, best: Improvement | None) -> Improvement | None:
         """Return the best answer, which may be one that the spy told while no coordinator lived to store it."""
-        told = self._dispatcher.best_told(job.number)
-        if told is not None and told.epoch > job.epoch and told.seconds == 0.0:
-            # It was carried to an epoch that has not begun, see `Improvement.carried_to`.
-            told = dataclasses.replace(told, epoch=job.epoch)
-        if told is None or told.epoch != job.epoch or (best is not None and told.order <= best.order):
-            return best
-        self._recorder.improved(job.number, told)
-        return told
+        better = better_of(best, self._dispatcher.best_told(job.number), job.epoch)
+        if better is not None and better is not best:
+            self._recorder.improved(job.number, better)
+        return better
 
     def _checkpoint_of(self, job: Stored) -> Checkpoint | None:
         """Return the latest checkpoint of the epoch that a job is in, if there is one that is whole."""

@@ -58,6 +58,32 @@ def test_cells_of_a_job_that_began_again_elsewhere_have_no_say_as_it_moves(file)
         assert not outcome.broken, in_words(outcome)
 
 
+@pytest.mark.parametrize("seed", [7, 10, 13, 18])
+def test_a_job_begins_again_though_a_coordinator_died_that_had_begun_with_that(file, seed):
+    """New processes are prepared to begin again, and the next coordinator must not take them for those of before."""
+    hosts = tuple(PlannedHost(0.05 + 0.05 * place, f"h{place}", 4, "") for place in (0, 1))
+    job = PlannedJob(0.0, "torus 2x2", "async", seed=3, deme=4, generations=300, seconds=None)
+    faults = Fault(0.6, "kill", "h0", 5.0), Fault(2e-3, "kill", "coordinator", upon="look", count=3)
+    outcome = run(Plan(seed, "torus 2x2", hosts, (job,), (), latency=4e-3, work=1e-2, faults=faults), file)
+    assert "kill coordinator after look 3" in "\n".join(outcome.log)
+    assert not outcome.broken, in_words(outcome)
+
+
+@pytest.mark.parametrize("seed", [2, 7, 8, 11])
+def test_a_job_that_ends_without_a_judgement_has_the_answer_that_only_clients_were_told(file, seed):
+    """No coordinator lived when they were told, and none of the job's nodes is left at its deadline."""
+    job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=3, deme=4, generations=640, seconds=4.2, target=80.0)
+    deaths = [(0.15, "node 1"), (0.3, "node 3"), (1.5, "node 2"), (1.9, "node 0")]
+    faults = (
+        Fault(5e-3, "kill", "coordinator", upon="tell states", count=1),
+        *(Fault(at, "kill", whom) for at, whom in deaths),
+        Fault(0.6, "part", "router", 4.6, other="node 0"),
+    )
+    outcome = run(Plan(seed, "torus 2x3", (), (job,), (), latency=4e-3, work=1e-4, faults=faults), file)
+    assert "client: job-0 is deadline" in "\n".join(outcome.log)
+    assert not outcome.broken, in_words(outcome)
+
+
 def test_another_process_gives_the_same_events(capsys):
     command = [sys.executable, "-m", "supernode", "chaos", PROBLEM, "--simulate", "--draw", "3", "--json"]
     told = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for _ in range(2)]
