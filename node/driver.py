@@ -127,6 +127,9 @@ class Driver:
         here may block, so everything except small messages to neighbours and counters is queued for the main thread.
         """
         while assignment.lock.acquire(False):
+            if assignment is not self.assignment:  # the main thread has left it meanwhile, and closes its links
+                assignment.lock.release()
+                return
             self._step_inline(assignment, assignment.step)  # releases the lock
             if not assignment.inline:  # generations have become long: the main thread takes over
                 self.queue.put(wake)

@@ -189,6 +189,29 @@ def test_a_step_of_the_main_thread_while_a_message_comes(before):
     assert node.generation == 2
 
 
+class Leaves(list):
+    """News; the main thread leaves the assignment just after the next of them has come."""
+
+    node = None
+
+    def append(self, message):
+        super().append(message)
+        if self.node is not None:
+            self.node.driver.leave(self.node.assignment)
+
+
+def test_a_cell_that_the_main_thread_has_left_steps_no_more():
+    node = Node()
+    assignment, news = node.assignment, Leaves()
+    assignment.news = news
+    node.hears_of(0, *NEIGHBOURS[:3])
+    news.node = node
+    node.hears_of(0, NEIGHBOURS[3])
+    assert (node.assignment, assignment.steps, node.published) == (None, 0, [])
+    assert not assignment.lock.locked()
+    assert node.driver.queue.empty()
+
+
 class ComesMeanwhile(Cell):
     """A message of the cell 5 comes while it steps."""
 
