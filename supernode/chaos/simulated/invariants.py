@@ -164,8 +164,9 @@ class Invariants:
         return self._may_lose_hosts and "has been away for" in (asked.message or "")
 
     def _told(self, asked: Asked, result: dict[str, Any]) -> None:
-        """The result is not worse than the best that the client was told in the last epoch."""
-        told = [each for _, each in asked.told if each.job == asked.number]
+        """The result is not worse than the best that the client was told in the last epoch, of the problem as it is."""
+        changed = max((each["epoch"] for each in result["directives"] if each["do"] == "update"), default=0)
+        told = [each for _, each in asked.told if each.job == asked.number and each.epoch >= changed]
         best = min((each.fitness for each in told if each.epoch == max(one.epoch for one in told)), default=None)
         if best is not None and (result["fitness"] is None or result["fitness"] > best):
             self._complain(f"{asked.id}: its fitness is {result['fitness']}, but the client was told {best}")
