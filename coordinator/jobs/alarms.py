@@ -4,6 +4,8 @@ import threading
 import time
 from collections.abc import Callable
 
+ONE = 0  # the number of an alarm that is for all jobs
+
 
 class Alarms:
     """Alarms, at most one for each job. Any thread may use it.

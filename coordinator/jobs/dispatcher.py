@@ -17,7 +17,7 @@ import zenoh
 
 import topologies
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.alarms import Alarms
+from coordinator.jobs.alarms import ONE, Alarms
 from coordinator.jobs.calls import tell
 from coordinator.jobs.client_limits import NO_LIMITS, ClientLimits
 from coordinator.jobs.conductor import Conductor
@@ -108,7 +108,7 @@ class Dispatcher:
         self._conductors: dict[int, Conductor] = {}
         self._forgetting = Forgetting(session, keys, seal)
         self._deadlines = Alarms(self._end_at_deadline)
-        self._kept_nodes = Alarms(lambda _: self._start())
+        self._look_again = Alarms(lambda _: self._start())
         self._growing = Growing(self._lock, self._scheduler, self.jobs)
         self._listener = Listener(session, keys, self.jobs, self._conductors, self.hooks)
 
@@ -305,8 +305,8 @@ class Dispatcher:
         """Start the queued jobs for which there are nodes now. Called whenever a job comes or nodes become free."""
         with self._lock:
             placed: list[Placed] = self._scheduler.start()
-            if (again_at := self._scheduler.start_again_at) is not None:
-                self._kept_nodes.set(0, again_at)
+            if (again_at := self._scheduler.look_again_at) is not None:
+                self._look_again.set(ONE, again_at)
         for number, nodes in placed:
             self._conduct(self.jobs[number], nodes)
         self._growing.look_soon()

@@ -120,4 +120,5 @@ class Ending:
         if not job.nodes:  # it never ran, or its answer was asked for as it was queued again
             return job.best
         epoch = job.epoch.number if job.epochs else job.epochs.past.epochs
-        return better_of(job.best, job.calls.best_told(job.keys.spy_control, job.number), epoch)
+        told = job.calls.best_told(job.keys.spy_control, job.number)  # first, since answers may come meanwhile
+        return better_of(job.best, told, epoch)

@@ -4,12 +4,11 @@ import threading
 import time
 from collections.abc import Mapping
 
-from coordinator.jobs.alarms import Alarms
+from coordinator.jobs.alarms import ONE, Alarms
 from coordinator.jobs.job import JobEntry, Moved
 from coordinator.jobs.scheduler import Scheduler
 
 _QUIET = 1.0  # seconds without another free node: the nodes of a host come one by one, and each growth costs a halt
-_ALL = 0  # the number of the one alarm, which is for all jobs
 
 
 class Growing:
@@ -32,7 +31,7 @@ class Growing:
         with self._lock:
             grows = any(job.spec.file.run.grow for job in self._jobs.values())
         if grows:
-            self._alarms.set(_ALL, time.monotonic() + _QUIET)
+            self._alarms.set(ONE, time.monotonic() + _QUIET)
 
     def _grow(self) -> None:
         """Give the nodes that are still free to running jobs that grow. On the alarms' thread."""

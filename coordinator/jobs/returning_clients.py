@@ -1,61 +1,60 @@
 """Know which clients come back at once: those that submit their next job as soon as one has ended.
 
-Their nodes are kept free for a moment, so that a job of a client with many of them does not take these first. No input,
-output or clock, as the scheduler that uses it.
+Their nodes are kept free for a moment, so that no job of a client with many of them takes these first. No input or
+output; all times are given, in seconds of a clock that never goes back.
 """
 
 from typing import NamedTuple
 
-_LONGEST = (
-    1.0  # seconds for which nodes are kept free, and no longer than the job took: they rest half of the time at most
-)
+# Seconds for which nodes are kept free. It is also no longer than the job took that had them, so that they are free for
+# half of the time at most, and others lose no more than a job as long as that would have cost them.
+_LONGEST = 1.0
 _CLIENTS_KEPT = 1000  # without keys anybody can make up names
 
 
-class _Expected(NamedTuple):
-    """A client whose last job has ended: how many nodes that had, and until when its next one comes at once."""
+class _Client(NamedTuple):
+    """A client that has had a job.
+
+    Attributes:
+        nodes: how many nodes its last job had; 0 once the client has come again.
+        until: when its next job no longer comes at once.
+        came_at_once: whether it did the last time.
+    """
 
     nodes: int
     until: float
+    came_at_once: bool
 
 
 class ReturningClients:
-    """The clients that have no job waiting, and whether they come back at once.
-
-    All times are of one clock that never goes back, in seconds.
-    """
+    """The clients that may come back, and how many nodes are kept for those that did so at once the last time."""
 
     def __init__(self) -> None:
-        self._expected: dict[str, _Expected] = {}  # the oldest first
-        self._prompt: set[str] = set()  # those who came at once the last time; of these nodes are kept
+        self._clients: dict[str, _Client] = {}  # the one whose job has ended last is the last
 
     def ended(self, client: str, nodes: int, seconds: float, now: float) -> None:
         """Note that a client's job has ended, which had so many nodes for so long, and that none of its jobs waits."""
-        self._expected.pop(client, None)  # so that it becomes the latest
-        self._expected[client] = _Expected(nodes, now + min(seconds, _LONGEST))
-        if len(self._expected) > _CLIENTS_KEPT:
-            self._forget(next(iter(self._expected)))
+        known = self._clients.pop(client, None)
+        came_at_once = known is not None and known.came_at_once
+        self._clients[client] = _Client(nodes, now + min(seconds, _LONGEST), came_at_once)
+        if len(self._clients) > _CLIENTS_KEPT:
+            del self._clients[next(iter(self._clients))]
 
     def came(self, client: str, now: float) -> None:
         """Note that a client has submitted a job: whether it came at once decides on the next time."""
-        expected = self._expected.get(client)
-        if expected is None:
-            return
-        self._forget(client)
-        if now < expected.until:
-            self._prompt.add(client)
+        known = self._clients.get(client)
+        if known is not None and known.nodes:
+            self._clients[client] = _Client(0, 0.0, now < known.until)
 
-    def kept(self, now: float) -> int:
-        """Return how many nodes are kept free for clients that are about to come."""
-        return sum(each.nodes for each in self._awaited(now))
+    def kept(self, cells: int, now: float) -> int:
+        """Return how many nodes are kept free from a job of so many cells: none of those whose job was smaller."""
+        return sum(each.nodes for each in self._awaited(cells, now))
 
-    def kept_until(self, now: float) -> float | None:
-        """Return when fewer nodes are kept, if nobody comes; None if none are."""
-        return min((each.until for each in self._awaited(now)), default=None)
+    def kept_until(self, cells: int, now: float) -> float | None:
+        """Return when fewer nodes are kept from such a job, if nobody comes; None if none are."""
+        return min((each.until for each in self._awaited(cells, now)), default=None)
 
-    def _awaited(self, now: float) -> list[_Expected]:
-        return [each for client, each in self._expected.items() if client in self._prompt and now < each.until]
-
-    def _forget(self, client: str) -> None:
-        del self._expected[client]
-        self._prompt.discard(client)
+    def _awaited(self, cells: int, now: float) -> list[_Client]:
+        return [
+            each for each in self._clients.values() if each.came_at_once and now < each.until and each.nodes >= cells
+        ]

@@ -57,9 +57,9 @@ class Scheduler:
     Args:
         nodes: the number of nodes, numbered from 0; or, if they are still to `join`, the least number expected.
         limits: what each client may take.
+        clock: returns the time in seconds, which never goes back.
         joining: whether the nodes are still to join.
         place_of: where a node's host is, such as ``block/rack/host``; see `coordinator.jobs.blocks`.
-        clock: returns the time in seconds, which never goes back.
     """
 
     def __init__(
@@ -67,9 +67,9 @@ class Scheduler:
         nodes: int,
         limits: ClientLimits = NO_LIMITS,
         *,
+        clock: Callable[[], float],
         joining: bool = False,
         place_of: Callable[[int], str] = lambda _: "",
-        clock: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._place_of = place_of
         self._expected = nodes
@@ -148,7 +148,7 @@ class Scheduler:
         others = self._queues.waiting(client)
         full = self._limits.waiting is not None and others >= self._limits.waiting
         self._queues.add(client, waiting, self._clock())
-        starts_at_once = self._next() == (client, waiting) and cells <= self._free_for(client)
+        starts_at_once = self._next() == (client, waiting) and cells <= self._free_for(client, cells)
         if full and not starts_at_once and not accepted_before:
             self.remove(number)
             raise QueueFull(f"the queue is full: {others} jobs wait, at most {self._limits.waiting} may")
@@ -162,10 +162,10 @@ class Scheduler:
         """Return the job that starts next, with its client; None if none waits whose client may have its nodes."""
         return self._queues.next(self._room, self._clock())
 
-    def _free_for(self, client: str) -> int:
-        """Return how many of the free nodes the next job of a client may have."""
-        kept = self._returning.kept(self._clock()) if self._queues.yields(client, self._clock()) else 0
-        return len(self._free) - kept
+    def _free_for(self, client: str, cells: int) -> int:
+        """Return how many of the free nodes the next job of a client may have, which has so many cells."""
+        now = self._clock()
+        return len(self._free) - (self._returning.kept(cells, now) if self._queues.yields(client, now) else 0)
 
     def _room(self, client: str) -> int:
         """Return how many further nodes a client's jobs may have, whether there are so many or not.
@@ -178,7 +178,7 @@ class Scheduler:
     def start(self) -> list[Placed]:
         """Give nodes to the jobs that may start now, in the order of the queue, and return them."""
         placed = []
-        while (found := self._next()) is not None and found[1].cells <= self._free_for(found[0]):
+        while (found := self._next()) is not None and found[1].cells <= self._free_for(found[0], found[1].cells):
             client, waiting = found
             self._queues.take(client, self._clock())
             nodes = self._choose(waiting.cells, waiting.topology)
@@ -187,9 +187,15 @@ class Scheduler:
         return placed
 
     @property
-    def start_again_at(self) -> float | None:
-        """When a job may start for which nodes are not free before, though nothing happens meanwhile; else None."""
-        return None if self._next() is None else self._returning.kept_until(self._clock())
+    def look_again_at(self) -> float | None:
+        """When `start` may find a job though nothing happens before; None if that cannot be."""
+        found, now = self._next(), self._clock()
+        if found is None:
+            return None
+        client, waiting = found
+        if self._queues.yields(client, now):
+            return self._returning.kept_until(waiting.cells, now)
+        return self._queues.yields_until(now)  # if the next job lacks nodes, a smaller one may come to its turn
 
     def free(self, number: int) -> None:
         """Free the nodes of a job that has ended; they stay wired as they are. Harmless if the job has none."""
@@ -263,7 +269,8 @@ class Scheduler:
         topology = None if wiring is None else topologies.parse(wiring.topology)
         if self._next() is not None or not isinstance(topology, topologies.Torus):
             return None
-        most = min(len(self._free), self._room(self._clients[number]))
+        free = len(self._free) - self._returning.kept(1, self._clock())
+        most = min(free, self._room(self._clients[number]))
         if most < topology.columns:
             return None
         new = self._nearest(own, most // topology.columns * topology.columns)

@@ -19,7 +19,7 @@ class StubDispatcher:
 
     def __init__(self, session, keys, nodes, hooks, *, limits=NO_LIMITS, manual=False, lost=False):
         self.hooks = hooks
-        self.scheduler = Scheduler(nodes, limits)
+        self.scheduler = Scheduler(nodes, limits, clock=time.monotonic)
         self.orders = {}
         self.asked = []
         self.placings = {}

@@ -7,7 +7,7 @@ from coordinator.jobs.returning_clients import ReturningClients
 
 
 @pytest.fixture
-def prompt():
+def returning():
     """Clients of whom one has come back at once, and is to come again from second 10 on: its job took half a second."""
     clients = ReturningClients()
     clients.ended("robot", 16, 0.5, now=5.0)
@@ -16,43 +16,48 @@ def prompt():
     return clients
 
 
-def test_nodes_are_kept_for_a_client_that_came_at_once_the_last_time(prompt):
-    assert (prompt.kept(10.4), prompt.kept_until(10.4)) == (16, 10.5)
+def test_nodes_are_kept_for_a_client_that_came_at_once_the_last_time(returning):
+    assert (returning.kept(16, 10.4), returning.kept_until(16, 10.4)) == (16, 10.5)
 
 
-def test_they_are_kept_for_as_long_as_the_job_took_and_for_a_second_at_most(prompt):
-    assert (prompt.kept(10.5), prompt.kept_until(10.5)) == (0, None)
-    prompt.came("robot", now=10.4)
-    prompt.ended("robot", 16, 60.0, now=80.0)
-    assert (prompt.kept_until(80.9), prompt.kept_until(81.0)) == (81.0, None)
+def test_no_nodes_are_kept_from_a_larger_job(returning):
+    assert (returning.kept(17, 10.4), returning.kept_until(17, 10.4)) == (0, None)
 
 
-def test_nothing_is_kept_for_a_client_that_is_here_again(prompt):
-    prompt.came("robot", now=10.1)
-    assert prompt.kept(10.2) == 0
+def test_they_are_kept_for_as_long_as_the_job_took_and_for_a_second_at_most(returning):
+    assert (returning.kept(1, 10.5), returning.kept_until(1, 10.5)) == (0, None)
+    returning.came("robot", now=10.4)
+    returning.ended("robot", 16, 60.0, now=80.0)
+    assert (returning.kept_until(1, 80.9), returning.kept_until(1, 81.0)) == (81.0, None)
 
 
-def test_a_client_that_lets_others_wait_in_vain_must_show_again_that_it_comes_at_once(prompt):
-    prompt.came("robot", now=11.0)
-    prompt.ended("robot", 16, 0.5, now=12.0)
-    assert prompt.kept(12.1) == 0
-    prompt.came("robot", now=12.1)
-    prompt.ended("robot", 16, 0.5, now=13.0)
-    assert prompt.kept(13.1) == 16
+def test_nothing_is_kept_for_a_client_that_is_here_again(returning):
+    returning.came("robot", now=10.1)
+    assert returning.kept(1, 10.2) == 0
 
 
-def test_a_client_that_is_new_or_comes_twice_changes_nothing(prompt):
-    prompt.came("stranger", now=10.1)
-    prompt.came("robot", now=10.1)
-    prompt.came("robot", now=11.0)
-    prompt.ended("robot", 4, 0.5, now=12.0)
-    prompt.ended("stranger", 4, 0.5, now=12.0)
-    assert prompt.kept(12.1) == 4
+def test_a_client_that_lets_others_wait_in_vain_must_show_again_that_it_comes_at_once(returning):
+    returning.came("robot", now=11.0)
+    returning.ended("robot", 16, 0.5, now=12.0)
+    assert returning.kept(1, 12.1) == 0
+    returning.came("robot", now=12.1)
+    returning.ended("robot", 16, 0.5, now=13.0)
+    assert returning.kept(1, 13.1) == 16
 
 
-def test_too_many_names_are_forgotten(prompt, monkeypatch):
+def test_a_client_that_is_new_or_comes_twice_changes_nothing(returning):
+    returning.came("stranger", now=10.1)
+    returning.came("robot", now=10.1)
+    returning.came("robot", now=11.0)
+    returning.ended("robot", 4, 0.5, now=12.0)
+    returning.ended("stranger", 4, 0.5, now=12.0)
+    assert returning.kept(1, 12.1) == 4
+
+
+def test_too_many_names_are_forgotten(returning, monkeypatch):
     monkeypatch.setattr(returning_clients, "_CLIENTS_KEPT", 2)
     for number in range(3):
-        prompt.ended(f"made up {number}", 1, 1.0, now=10.0)
-    assert prompt.kept(10.1) == 0
-    assert len(prompt._expected) == 2
+        returning.ended(f"made up {number}", 1, 1.0, now=10.0)
+        returning.came(f"made up {number}", now=10.05)
+    assert returning.kept(1, 10.1) == 0
+    assert len(returning._clients) == 2

@@ -15,6 +15,11 @@ TOPOLOGIES = ["torus 2x2", "torus 1x4", "ring 3", "torus 4x4", "complete 5", "ri
 CELLS = {"torus 2x2": 4, "torus 1x4": 4, "ring 3": 3, "torus 4x4": 16, "complete 5": 5, "ring 1": 1}
 
 
+def scheduler_of(*arguments, clock=lambda: 0.0, **settings):
+    """Return a scheduler, for which time stands still by default."""
+    return Scheduler(*arguments, clock=clock, **settings)
+
+
 def run(scheduler, number, topology, priority=0):
     """Add a job, and start what may start."""
     scheduler.add(number, topologies.parse(topology).cells, topology, priority)
@@ -23,11 +28,11 @@ def run(scheduler, number, topology, priority=0):
 
 # The queue ------------------------------------------------------------------------------------------------------------
 def test_a_job_that_fits_starts_at_once():
-    assert run(Scheduler(16), 1, "torus 4x4") == [Placed(1, tuple(range(16)))]
+    assert run(scheduler_of(16), 1, "torus 4x4") == [Placed(1, tuple(range(16)))]
 
 
 def test_small_jobs_share_the_nodes():
-    scheduler = Scheduler(16)
+    scheduler = scheduler_of(16)
     nodes = [placed.nodes for number in range(4) for placed in run(scheduler, number, "torus 2x2")]
     assert nodes == [(0, 1, 2, 3), (4, 5, 6, 7), (8, 9, 10, 11), (12, 13, 14, 15)]
     assert run(scheduler, 4, "ring 1") == []
@@ -36,7 +41,7 @@ def test_small_jobs_share_the_nodes():
 
 
 def test_each_host_gets_a_block_of_the_cells_on_as_few_hosts_as_possible():
-    scheduler = Scheduler(64, place_of=lambda node: f"host{node % 4}")
+    scheduler = scheduler_of(64, place_of=lambda node: f"host{node % 4}")
     scheduler.add(1, 64, "torus 8x8")
     (placed,) = scheduler.start()
     assert sorted(placed.nodes) == list(range(64))
@@ -51,7 +56,7 @@ def test_each_host_gets_a_block_of_the_cells_on_as_few_hosts_as_possible():
 
 
 def test_cells_of_nodes_that_leave_move_to_free_nodes_if_there_are_enough():
-    scheduler = Scheduler(6, place_of=lambda node: f"host{node // 2}")
+    scheduler = scheduler_of(6, place_of=lambda node: f"host{node // 2}")
     run(scheduler, 1, "torus 2x2")
     nodes = scheduler.nodes_of(1)
     (used, other), (spare,) = sorted({node // 2 for node in nodes}), {0, 1, 2} - {node // 2 for node in nodes}
@@ -70,7 +75,7 @@ def test_cells_of_nodes_that_leave_move_to_free_nodes_if_there_are_enough():
 
 
 def test_nodes_that_are_told_to_leave_before_they_come_get_no_job():
-    scheduler = Scheduler(4, joining=True)
+    scheduler = scheduler_of(4, joining=True)
     scheduler.drain([2, 3])
     scheduler.join([0, 1, 2, 3])
     assert scheduler.free_nodes == 2
@@ -80,7 +85,7 @@ def test_nodes_that_are_told_to_leave_before_they_come_get_no_job():
 
 
 def test_nodes_out_of_reach_keep_their_cells_and_get_no_further_job():
-    scheduler = Scheduler(8)
+    scheduler = scheduler_of(8)
     assert run(scheduler, 1, "torus 2x2") == [Placed(1, (0, 1, 2, 3))]
     scheduler.rest([2, 3, 4, 5])
     assert run(scheduler, 2, "torus 2x2") == []
@@ -93,7 +98,7 @@ def test_nodes_out_of_reach_keep_their_cells_and_get_no_further_job():
 
 
 def test_nodes_whose_host_comes_back_before_it_has_ended_get_jobs_again():
-    scheduler = Scheduler(4)
+    scheduler = scheduler_of(4)
     run(scheduler, 1, "torus 1x2")
     assert scheduler.drain([0, 2]) == {1: {0: 3}}
     scheduler.stay([0, 2])
@@ -103,7 +108,7 @@ def test_nodes_whose_host_comes_back_before_it_has_ended_get_jobs_again():
 
 
 def test_further_nodes_that_a_job_has_not_taken_are_not_linked():
-    scheduler = Scheduler(16)
+    scheduler = scheduler_of(16)
     run(scheduler, 1, "torus 2x4")
     assert len(scheduler.extend(1)) == 16
     scheduler.rewired(1, "ring 8")
@@ -114,7 +119,7 @@ def test_further_nodes_that_a_job_has_not_taken_are_not_linked():
 
 
 def test_few_hosts_come_before_links_that_are_there_already():
-    scheduler = Scheduler(4, joining=True, place_of=lambda node: f"host{node // 4}")
+    scheduler = scheduler_of(4, joining=True, place_of=lambda node: f"host{node // 4}")
     scheduler.join([0, 1, 4, 5])
     run(scheduler, 1, "torus 2x2")
     scheduler.free(1)
@@ -125,7 +130,7 @@ def test_few_hosts_come_before_links_that_are_there_already():
 
 
 def test_a_job_that_grows_gets_whole_rows_of_free_nodes_unless_a_job_waits():
-    scheduler = Scheduler(19)
+    scheduler = scheduler_of(19)
     scheduler.add(1, 8, "torus 2x4")
     scheduler.start()
     assert scheduler.extend(1) == (*range(8), *range(8, 16))
@@ -143,7 +148,7 @@ def test_a_job_that_grows_gets_whole_rows_of_free_nodes_unless_a_job_waits():
 
 
 def test_a_large_job_is_not_overtaken_by_a_small_one():
-    scheduler = Scheduler(16)
+    scheduler = scheduler_of(16)
     run(scheduler, 1, "torus 2x2")
     assert run(scheduler, 2, "torus 4x4") == []
     assert run(scheduler, 3, "ring 1") == []
@@ -155,7 +160,7 @@ def test_a_large_job_is_not_overtaken_by_a_small_one():
 
 
 def test_a_higher_priority_goes_first():
-    scheduler = Scheduler(4)
+    scheduler = scheduler_of(4)
     run(scheduler, 1, "torus 2x2")
     for number, priority in [(2, 0), (3, 5), (4, -1), (5, 5)]:
         assert run(scheduler, number, "torus 2x2", priority) == []
@@ -163,7 +168,7 @@ def test_a_higher_priority_goes_first():
 
 
 def test_a_job_that_starts_over_gets_its_old_place():
-    scheduler = Scheduler(4)
+    scheduler = scheduler_of(4)
     run(scheduler, 1, "torus 2x2")
     run(scheduler, 2, "torus 2x2")
     scheduler.free(1)
@@ -172,7 +177,7 @@ def test_a_job_that_starts_over_gets_its_old_place():
 
 
 def test_a_cancelled_job_leaves_the_queue():
-    scheduler = Scheduler(4)
+    scheduler = scheduler_of(4)
     run(scheduler, 1, "torus 2x2")
     run(scheduler, 2, "torus 2x2")
     assert scheduler.remove(2)
@@ -186,12 +191,12 @@ def test_a_cancelled_job_leaves_the_queue():
 
 def test_a_job_larger_than_the_cluster_is_refused():
     with pytest.raises(TooLarge, match=r"^the job asks for 16 cells \(torus 4x4\), the cluster has 15 nodes$"):
-        Scheduler(15).add(1, 16, "torus 4x4")
+        scheduler_of(15).add(1, 16, "torus 4x4")
     assert issubclass(TooLarge, BadInput)
 
 
 def test_a_full_queue_is_refused():
-    scheduler = Scheduler(4, ClientLimits(waiting=2))
+    scheduler = scheduler_of(4, ClientLimits(waiting=2))
     for number in range(3):
         run(scheduler, number, "torus 2x2")
     with pytest.raises(QueueFull, match=r"^the queue is full: 2 jobs wait, at most 2 may$"):
@@ -203,7 +208,7 @@ def test_a_full_queue_is_refused():
 
 
 def test_whoever_need_not_wait_needs_no_room_in_the_queue():
-    scheduler = Scheduler(4, ClientLimits(waiting=0))
+    scheduler = scheduler_of(4, ClientLimits(waiting=0))
     assert [placed.number for placed in run(scheduler, 1, "ring 3")] == [1]
     with pytest.raises(QueueFull, match="0 jobs wait, at most 0 may"):
         scheduler.add(2, 4, "torus 2x2")
@@ -211,7 +216,7 @@ def test_whoever_need_not_wait_needs_no_room_in_the_queue():
 
 
 def test_a_higher_priority_that_fits_passes_a_full_queue():
-    scheduler = Scheduler(4, ClientLimits(waiting=1))
+    scheduler = scheduler_of(4, ClientLimits(waiting=1))
     run(scheduler, 1, "ring 3")
     assert run(scheduler, 2, "torus 2x2") == []
     assert [placed.number for placed in run(scheduler, 3, "ring 1", 1)] == [3]
@@ -219,7 +224,7 @@ def test_a_higher_priority_that_fits_passes_a_full_queue():
 
 # The nodes ------------------------------------------------------------------------------------------------------------
 def test_the_same_topology_gets_the_same_nodes_though_others_come_between():
-    scheduler = Scheduler(8)
+    scheduler = scheduler_of(8)
     nodes_of = {topology: set() for topology in ("torus 2x2", "ring 3", "ring 1")}
     for number in range(30):
         topology = list(nodes_of)[number % 3]
@@ -232,7 +237,7 @@ def test_the_same_topology_gets_the_same_nodes_though_others_come_between():
 @given(st.lists(st.tuples(st.sampled_from(TOPOLOGIES), st.integers(0, 3)), max_size=40))
 def test_nodes_wired_for_a_topology_are_taken_again_if_they_are_free(jobs):
     """At most one job at a time, and each topology may keep its nodes: nothing is ever rewired."""
-    scheduler = Scheduler(sum(CELLS.values()))
+    scheduler = scheduler_of(sum(CELLS.values()))
     first = {}
     for number, (topology, _) in enumerate(jobs):
         ((_, nodes),) = run(scheduler, number, topology)
@@ -241,7 +246,7 @@ def test_nodes_wired_for_a_topology_are_taken_again_if_they_are_free(jobs):
 
 
 def test_the_order_of_nodes_found_running_is_kept():
-    scheduler = Scheduler(8)
+    scheduler = scheduler_of(8)
     scheduler.occupy(7, [6, 2, 5, 1], "torus 2x2")
     assert scheduler.nodes_of(7) == (6, 2, 5, 1)
     assert run(scheduler, 8, "torus 1x4") == [Placed(8, (0, 3, 4, 7))]
@@ -250,7 +255,7 @@ def test_the_order_of_nodes_found_running_is_kept():
 
 
 def test_nodes_of_a_job_found_running_without_its_topology_may_be_wired_in_any_way():
-    scheduler = Scheduler(4)
+    scheduler = scheduler_of(4)
     scheduler.occupy(7, (3, 2, 1, 0))
     scheduler.free(7)
     assert run(scheduler, 9, "torus 2x2") == [Placed(9, (0, 1, 2, 3))]
@@ -258,7 +263,7 @@ def test_nodes_of_a_job_found_running_without_its_topology_may_be_wired_in_any_w
 
 @pytest.mark.parametrize("nodes", [(0,), (8,), (-1,), (3, 3)])
 def test_no_node_is_occupied_twice_or_from_nowhere(nodes):
-    scheduler = Scheduler(8)
+    scheduler = scheduler_of(8)
     scheduler.occupy(1, (0, 1))
     with pytest.raises(ValueError, match="are not all free"):
         scheduler.occupy(2, nodes)
@@ -266,7 +271,7 @@ def test_no_node_is_occupied_twice_or_from_nowhere(nodes):
 
 
 def test_rewired_nodes_are_taken_for_what_they_are_now():
-    scheduler = Scheduler(8)
+    scheduler = scheduler_of(8)
     run(scheduler, 1, "torus 2x2")
     scheduler.rewired(1, "torus 1x4")
     scheduler.free(1)
@@ -275,7 +280,7 @@ def test_rewired_nodes_are_taken_for_what_they_are_now():
 
 
 def test_a_new_node_is_wired_to_nobody():
-    scheduler = Scheduler(8)
+    scheduler = scheduler_of(8)
     for number in (1, 2):
         run(scheduler, number, "torus 2x2")
     scheduler.replaced(5)
@@ -294,7 +299,7 @@ class AnyOrder(RuleBasedStateMachine):
     )
     def begin(self, nodes, waiting, client_nodes):
         self.limits = ClientLimits(waiting, client_nodes)
-        self.scheduler = Scheduler(nodes, self.limits)
+        self.scheduler = scheduler_of(nodes, self.limits)
         self.nodes = nodes
         self.clients = {}  # number to client
         self.queued = {}  # number to (priority, topology)
@@ -359,7 +364,7 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(data=st.data())
     def restart(self, data):
         """Another coordinator finds the running jobs and the queue again."""
-        scheduler = Scheduler(self.nodes, self.limits)
+        scheduler = scheduler_of(self.nodes, self.limits)
         for number, nodes in self.running.items():
             scheduler.occupy(number, nodes, client=self.clients[number])
         for number, (priority, topology) in sorted(self.queued.items()):
@@ -391,7 +396,7 @@ TestAnyOrder.settings = settings(max_examples=60, stateful_step_count=40)
 
 
 def test_nodes_join_and_leave():
-    scheduler = Scheduler(4, joining=True)
+    scheduler = scheduler_of(4, joining=True)
     assert (scheduler.nodes, scheduler.free_nodes) == (4, 0)
     scheduler.add(1, 4, "ring 4")
     scheduler.join([0, 1, 2])
@@ -406,7 +411,7 @@ def test_nodes_join_and_leave():
 
 
 def test_a_node_that_comes_back_while_its_job_still_has_it_is_not_free():
-    scheduler = Scheduler(2, joining=True)
+    scheduler = scheduler_of(2, joining=True)
     scheduler.join([0, 1])
     scheduler.add(1, 2, "ring 2")
     scheduler.start()
@@ -419,7 +424,7 @@ def test_a_node_that_comes_back_while_its_job_still_has_it_is_not_free():
 
 # Clients --------------------------------------------------------------------------------------------------------------
 def test_clients_take_turns_whatever_their_number_of_jobs_and_priorities():
-    scheduler = Scheduler(4)
+    scheduler = scheduler_of(4)
     for number in range(4):
         scheduler.add(number, 4, "torus 2x2", 1000, "flood")
     assert [placed.number for placed in scheduler.start()] == [0]
@@ -434,7 +439,7 @@ def test_clients_take_turns_whatever_their_number_of_jobs_and_priorities():
 
 
 def test_a_client_that_fills_its_queue_shuts_out_no_other():
-    scheduler = Scheduler(1, ClientLimits(waiting=1))
+    scheduler = scheduler_of(1, ClientLimits(waiting=1))
     for number in range(2):
         scheduler.add(number, 1, "ring 1", client="flood")
         scheduler.start()
@@ -446,7 +451,7 @@ def test_a_client_that_fills_its_queue_shuts_out_no_other():
 
 
 def test_a_client_with_as_many_nodes_as_it_may_have_is_passed_over():
-    scheduler = Scheduler(8, ClientLimits(nodes=4))
+    scheduler = scheduler_of(8, ClientLimits(nodes=4))
     for number in range(2):
         scheduler.add(number, 4, "torus 2x2", client="flood")
     assert [placed.number for placed in scheduler.start()] == [0]
@@ -464,7 +469,7 @@ def test_a_client_with_as_many_nodes_as_it_may_have_is_passed_over():
 
 
 def test_a_job_grows_no_further_than_its_client_may():
-    scheduler = Scheduler(10, ClientLimits(nodes=7))
+    scheduler = scheduler_of(10, ClientLimits(nodes=7))
     scheduler.add(1, 4, "torus 2x2", client="one")
     scheduler.start()
     assert len(scheduler.extend(1)) == 6
@@ -472,7 +477,7 @@ def test_a_job_grows_no_further_than_its_client_may():
 
 
 def test_a_job_accepted_when_the_limit_was_higher_runs_alone():
-    scheduler = Scheduler(8, ClientLimits(nodes=4))
+    scheduler = scheduler_of(8, ClientLimits(nodes=4))
     scheduler.add(1, 6, "torus 2x3", client="one", accepted_before=True)
     scheduler.add(2, 1, "ring 1", client="one")
     assert [placed.number for placed in scheduler.start()] == [1]
@@ -481,7 +486,7 @@ def test_a_job_accepted_when_the_limit_was_higher_runs_alone():
 
 
 def test_a_job_that_waits_for_nodes_to_join_is_not_overtaken():
-    scheduler = Scheduler(16, joining=True)
+    scheduler = scheduler_of(16, joining=True)
     scheduler.join(range(11))
     scheduler.add(1, 2, "torus 1x2", client="one")
     scheduler.start()
@@ -493,7 +498,7 @@ def test_a_job_that_waits_for_nodes_to_join_is_not_overtaken():
 
 
 def test_a_coordinator_that_takes_over_knows_what_each_client_has():
-    scheduler = Scheduler(8, ClientLimits(nodes=4))
+    scheduler = scheduler_of(8, ClientLimits(nodes=4))
     scheduler.occupy(1, range(4), "torus 2x2", "flood")
     scheduler.add(2, 4, "torus 2x2", client="flood")
     assert scheduler.start() == []
@@ -501,7 +506,7 @@ def test_a_coordinator_that_takes_over_knows_what_each_client_has():
 
 def test_a_client_that_comes_back_is_next_and_too_many_names_are_forgotten(monkeypatch):
     monkeypatch.setattr("coordinator.jobs.client_queues._CLIENTS_KEPT", 2)
-    scheduler = Scheduler(1)
+    scheduler = scheduler_of(1)
     for number, client in enumerate(["polite", "flood", "flood"]):
         scheduler.add(number, 1, "ring 1", client=client)
     assert [placed.number for placed in scheduler.start()] == [0]
@@ -528,14 +533,14 @@ class Clock:
 
 
 class Flooded:
-    """A cluster for one job at a time, of which one client has twelve jobs, and a client that comes now and then."""
+    """A cluster for one job at a time, of which one client has forty jobs; others come now and then."""
 
     def __init__(self):
         self.clock = Clock()
-        self.scheduler = Scheduler(4, clock=self.clock)
+        self.scheduler = scheduler_of(4, clock=self.clock)
         self.number = 0
         self.running = []
-        for _ in range(12):
+        for _ in range(40):
             self.submit("flood")
 
     def submit(self, client):
@@ -545,7 +550,7 @@ class Flooded:
         return self.start()
 
     def start(self):
-        """Start what may start; return whose job starts."""
+        """Start what may start; return whose jobs start."""
         placed = self.scheduler.start()
         self.running += [each.number for each in placed]
         return [self.scheduler._clients[each.number] for each in placed]
@@ -562,10 +567,20 @@ def flooded():
     return Flooded()
 
 
+@pytest.fixture
+def returning(flooded):
+    """A flooded cluster, on which a job of a client runs that has come back at once the last time."""
+    flooded.submit("robot")
+    assert flooded.end(0.1) == ["robot"]
+    assert flooded.end(0.1) == ["flood"], "nothing is known of this client yet"
+    flooded.submit("robot")
+    assert flooded.end(0.05) == ["robot"]
+    return flooded
+
+
 def test_a_client_with_many_jobs_lets_others_go_first(flooded):
     flooded.submit("robot")
     flooded.submit("robot")
-    assert flooded.scheduler.queued[:2] == (13, 14)
     assert [flooded.end(0.1) for _ in range(4)] == [["robot"], ["robot"], ["flood"], ["flood"]]
 
 
@@ -575,6 +590,14 @@ def test_a_client_with_many_jobs_has_its_turn_after_some_seconds(flooded):
     assert [flooded.end(4.9), flooded.end(0.2), flooded.end(0.1)] == [["robot"], ["flood"], ["robot"]]
 
 
+def test_a_client_with_many_jobs_has_its_turn_after_some_jobs_of_others(flooded):
+    started = []
+    for _ in range(52):
+        flooded.submit("robot")
+        started += flooded.end(0.01)
+    assert started == [*["robot"] * 24, "flood", *["robot"] * 24, "flood", *["robot"] * 2]
+
+
 def test_clients_with_many_jobs_take_turns(flooded):
     for _ in range(12):
         flooded.submit("researcher")
@@ -582,40 +605,43 @@ def test_clients_with_many_jobs_take_turns(flooded):
     assert started == ["researcher", "flood"] * 3
 
 
-def test_nodes_are_kept_for_a_client_that_comes_back_at_once(flooded):
-    flooded.submit("robot")
-    assert flooded.end(0.1) == ["robot"]
-    assert flooded.end(0.1) == ["flood"], "nothing is known of this client yet"
-    flooded.submit("robot")
-    assert flooded.scheduler.start_again_at is None, "nobody waits for nodes that are kept"
-    assert flooded.end(0.05) == ["robot"]
-    assert flooded.end(0.1) == []
-    assert flooded.scheduler.start_again_at == pytest.approx(flooded.clock.now + 0.1)
-    assert flooded.submit("flood") == []
-    assert flooded.submit("robot") == ["robot"]
-    assert flooded.end(0.1) == []
-    flooded.clock.now = flooded.scheduler.start_again_at
-    assert flooded.start() == ["flood"]
-    assert flooded.scheduler.start_again_at is None
+def test_nodes_are_kept_for_a_client_that_comes_back_at_once(returning):
+    assert returning.end(0.1) == []
+    assert returning.scheduler.look_again_at == pytest.approx(returning.clock.now + 0.1)
+    assert returning.submit("flood") == []
+    assert returning.submit("robot") == ["robot"]
+    assert returning.end(0.1) == []
+    returning.clock.now = returning.scheduler.look_again_at
+    assert returning.start() == ["flood"]
+    assert returning.scheduler.look_again_at is None
 
 
-def test_a_client_with_few_jobs_and_one_whose_turn_has_come_need_not_leave_nodes_to_others(flooded):
-    flooded.submit("robot")
-    flooded.end(0.1)
-    flooded.end(0.1)
-    flooded.submit("robot")
-    flooded.end(0.05)
-    flooded.clock.now += 4.9
-    assert flooded.end(0.1) == ["flood"]
-    flooded.submit("robot")
-    assert flooded.end(0.1) == ["robot"]
-    flooded.submit("other")
-    assert flooded.end(0.1) == ["other"]
+def test_no_nodes_are_kept_from_a_client_with_few_jobs(returning):
+    returning.submit("other")
+    assert returning.end(0.1) == ["other"]
 
 
-def test_only_as_many_nodes_are_kept_as_the_client_had():
+def test_no_nodes_are_kept_from_a_client_whose_turn_has_come(returning):
+    returning.clock.now += 4.9
+    assert returning.end(0.1) == ["flood"]
+
+
+def test_a_returning_client_that_cancels_its_job_is_waited_for_no_longer(returning):
+    assert returning.end(0.1) == []
+    assert returning.submit("robot") == ["robot"]
+    returning.submit("robot")
+    assert returning.scheduler.remove(returning.number)
+    assert returning.end(0.1) == [], "it may come again: its last job has ended just now"
+    returning.scheduler.add(99, 4, "torus 2x2", client="robot")
+    assert returning.scheduler.remove(99)
+    assert returning.start() == ["flood"]
+
+
+@pytest.fixture
+def of_eight():
+    """A cluster of eight nodes, and a returning client whose last job had four; another client has many of four."""
     clock = Clock()
-    scheduler = Scheduler(8, clock=clock)
+    scheduler = scheduler_of(8, clock=clock)
     for number, client in enumerate(["robot", *["flood"] * 12]):
         scheduler.add(number, 4, "torus 2x2", client=client)
     assert [placed.number for placed in scheduler.start()] == [0, 1]
@@ -626,7 +652,59 @@ def test_only_as_many_nodes_are_kept_as_the_client_had():
         assert [placed.number for placed in scheduler.start()] == [number]
     clock.now += 0.1
     scheduler.free(21)
-    assert scheduler.start() == []
+    return scheduler
+
+
+def test_only_as_many_nodes_are_kept_as_the_client_had(of_eight):
+    assert of_eight.start() == []
+    of_eight.free(1)
+    assert [placed.number for placed in of_eight.start()] == [2]
+    assert of_eight.free_nodes == 4
+
+
+def test_a_job_does_not_grow_into_nodes_that_are_kept(of_eight):
+    for number in range(2, 13):
+        of_eight.remove(number)
+    assert of_eight.extend(1) is None
+
+
+def test_no_nodes_are_kept_from_a_larger_job():
+    clock = Clock()
+    scheduler = scheduler_of(4, clock=clock)
+    for number in range(0, 30, 3):
+        scheduler.add(number, 1, "ring 1", client="robot")
+        assert [placed.number for placed in scheduler.start()] == [number]
+        clock.now += 0.5
+        scheduler.free(number)
+        clock.now += 0.4
+    for number in range(30, 42):
+        scheduler.add(number, 4, "torus 2x2", client="flood")
+    scheduler.add(42, 1, "ring 1", client="robot")
+    assert [placed.number for placed in scheduler.start()] == [42]
+    clock.now += 0.5
+    scheduler.free(42)
+    assert [placed.number for placed in scheduler.start()] == [30]
+
+
+def test_a_turn_comes_though_nothing_happens_before():
+    """A larger job is next, which lacks nodes; a smaller one of a client with many jobs would find enough."""
+    clock = Clock()
+    scheduler = scheduler_of(8, clock=clock)
+    scheduler.add(0, 4, "torus 2x2", client="flood")
+    scheduler.start()
+    clock.now += 1.0
+    scheduler.add(1, 4, "torus 2x2", client="robot")
+    scheduler.start()
+    for number in range(2, 8):
+        scheduler.add(number, 4, "torus 2x2", client="flood")
+    scheduler.add(8, 8, "torus 2x4", client="robot")
+    clock.now += 1.0
     scheduler.free(1)
+    assert scheduler.start() == []
+    assert scheduler.look_again_at == 106.0
+    clock.now = 106.0
     assert [placed.number for placed in scheduler.start()] == [2]
-    assert scheduler.free_nodes == 4
+
+
+def test_nothing_need_be_looked_for_again_where_one_client_has_all_jobs(flooded):
+    assert flooded.scheduler.look_again_at is None

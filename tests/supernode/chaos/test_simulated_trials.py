@@ -11,7 +11,7 @@ from command_line import in_process
 
 from benchmarks import planted_bugs
 from supernode.chaos.simulated.campaign import in_words, trial
-from supernode.chaos.simulated.plans import Fault, Plan, PlannedHost, PlannedJob, drawn
+from supernode.chaos.simulated.plans import Fault, Plan, PlannedHost, PlannedJob, PlannedRequest, drawn
 from supernode.chaos.simulated.trial import Outcome, run, shortest
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -81,6 +81,16 @@ def test_a_job_that_ends_without_a_judgement_has_the_answer_that_only_clients_we
     )
     outcome = run(Plan(seed, "torus 2x3", (), (job,), (), latency=4e-3, work=1e-4, faults=faults), file)
     assert "client: job-0 is deadline" in "\n".join(outcome.log)
+    assert not outcome.broken, in_words(outcome)
+
+
+def test_an_answer_to_the_function_before_an_update_is_none_to_that_after_it(file):
+    """The spy dies with what it has told, and the job ends before it has told anything of the other function."""
+    job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=0, deme=4, generations=652, seconds=None)
+    updates = tuple(PlannedRequest(at, "update", 0, to) for at, to in ((3.355, "sphere"), (5.198, "rastrigin")))
+    faults = tuple(Fault(5e-3, "kill", whom, upon="tell states", count=3) for whom in ("spy", "coordinator"))
+    outcome = run(Plan(2, "torus 2x2", (), (job,), updates, latency=4e-3, work=1e-4, faults=faults), file)
+    assert "'epoch': 2" in "\n".join(outcome.log)
     assert not outcome.broken, in_words(outcome)
 
 
