@@ -137,8 +137,7 @@ class Scheduler:
             TooLarge: if the job could never start.
             QueueFull: if it would have to wait and too many of the client's jobs wait already.
         """
-        assert number not in self._busy, f"job {number} has nodes already"
-        assert number not in self.queued, f"job {number} is queued already"
+        assert number not in (*self._busy, *self.queued), f"job {number} is here already"
         if cells > self.nodes:
             raise TooLarge(f"the job asks for {cells} cells ({topology_spec}), the cluster has {self.nodes} nodes")
         if self._limits.nodes is not None and cells > self._limits.nodes and not accepted_before:
@@ -269,8 +268,7 @@ class Scheduler:
         topology = None if wiring is None else topologies.parse(wiring.topology)
         if self._next() is not None or not isinstance(topology, topologies.Torus):
             return None
-        free = len(self._free) - self._returning.kept(1, self._clock())
-        most = min(free, self._room(self._clients[number]))
+        most = min(len(self._free) - self._returning.kept(1, self._clock()), self._room(self._clients[number]))
         if most < topology.columns:
             return None
         new = self._nearest(own, most // topology.columns * topology.columns)
