@@ -32,7 +32,7 @@ class _SimulatedHost:
         host: what it tells the coordinator; each start has another id.
         is_up: whether it runs.
         is_leaving: whether it has got SIGTERM.
-        cut_off_until: until when it has no link to the router.
+        cut_off_until: until when it has no link to the router, or one on which all that it sends is held back.
     """
 
     def __init__(self, planned: PlannedHost) -> None:
@@ -65,14 +65,12 @@ class JoinedCluster(Cluster):
         self.world.say(str(fault))
         if fault.do == "kill":
             self._end_host(host, fault.seconds)
-        elif fault.do == "part":
+        elif fault.do in ("part", "hold"):
+            cut = self._network.part if fault.do == "part" else self._network.hold
             for name in self._processes_of(host):
-                self._network.part(name, fault.other, fault.seconds)
+                cut(name, fault.other, fault.seconds)
             if fault.other == "router":
                 host.cut_off_until = max(host.cut_off_until, self.world.now + fault.seconds)
-        elif fault.do == "hold":
-            for name in self._processes_of(host):
-                self._network.hold(name, fault.other, fault.seconds)
         elif fault.do == "leave" and host.is_up:
             self._leave(host, fault.seconds)
         return None

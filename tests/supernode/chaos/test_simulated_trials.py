@@ -84,6 +84,17 @@ def test_a_job_that_ends_without_a_judgement_has_the_answer_that_only_clients_we
     assert not outcome.broken, in_words(outcome)
 
 
+def test_cells_that_breed_on_where_all_that_they_send_is_held_back_are_no_second_ones(file):
+    """The router dies with what it was told of them, so a new coordinator lets the job begin again elsewhere."""
+    hosts = tuple(PlannedHost(0.3 + 0.2 * place, f"h{place}", 4, "") for place in (0, 1))
+    job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=2, deme=1, generations=300, seconds=None)
+    killed = Fault(1.25, "kill", "coordinator"), Fault(1.5, "kill", "router")
+    faults = (Fault(1.2, "hold", "h0", 6.0, other="router"), *killed)
+    outcome = run(Plan(1, "torus 2x2", hosts, (job,), (), latency=4e-3, work=1e-2, faults=faults), file)
+    assert any("all its hosts are out of reach" in line for line in outcome.log)
+    assert not outcome.broken, in_words(outcome)
+
+
 def test_an_answer_to_the_function_before_an_update_is_none_to_that_after_it(file):
     """The spy dies with what it has told, and the job ends before it has told anything of the other function."""
     job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=0, deme=4, generations=652, seconds=None)
