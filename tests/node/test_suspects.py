@@ -271,8 +271,9 @@ def test_another_job_begins_without_suspects_in_the_node_itself(tmp_path):
     found = Suspects(tmp_path, 3, "SIGSEGV", LIMITS)
     its = found.of(2, file_of(problem))
     assert its.infeasible == ()
+    others = set(children_of(os.getpid()))
     assert its.guard(problem)(np.array([[1], [3]], np.uint8)).tolist() == [1.0, 3.0]
-    assert children_of(os.getpid()) == []
+    assert set(children_of(os.getpid())) <= others
     assert found.news() == []
 
 
