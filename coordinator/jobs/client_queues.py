@@ -11,8 +11,8 @@ from typing import NamedTuple
 _CLIENTS_KEPT = 1000  # without keys anybody can make up names
 _FEW = 4  # jobs that wait; a client with more lets others go first
 # So it has a turn after so many seconds or so many jobs of others, whatever is first. A client that comes back at once
-# then waits for less than one in twenty of its jobs: its latency at 95 % is that of a job that need not wait.
-_LONGEST, _MOST_AHEAD = 5.0, 24
+# then waits before one in thirty of its jobs: its latency at 95 % is that of a job that need not wait.
+_LONGEST, _MOST_AHEAD = 5.0, 32
 
 
 class Waiting(NamedTuple):

@@ -592,10 +592,10 @@ def test_a_client_with_many_jobs_has_its_turn_after_some_seconds(flooded):
 
 def test_a_client_with_many_jobs_has_its_turn_after_some_jobs_of_others(flooded):
     started = []
-    for _ in range(52):
+    for _ in range(68):
         flooded.submit("robot")
         started += flooded.end(0.01)
-    assert started == [*["robot"] * 24, "flood", *["robot"] * 24, "flood", *["robot"] * 2]
+    assert started == [*["robot"] * 32, "flood", *["robot"] * 32, "flood", *["robot"] * 2]
 
 
 def test_clients_with_many_jobs_take_turns(flooded):
