@@ -1,6 +1,7 @@
 """Simulated clusters lose nothing under drawn faults; a seed repeats a trial; a bug that is planted is found."""
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -105,9 +106,13 @@ def test_an_answer_to_the_function_before_an_update_is_none_to_that_after_it(fil
     assert not outcome.broken, in_words(outcome)
 
 
-def test_another_process_gives_the_same_events(capsys):
-    command = [sys.executable, "-m", "supernode", "chaos", PROBLEM, "--simulate", "--draw", "3", "--json"]
-    told = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for _ in range(2)]
+def test_another_process_gives_the_same_events_wherever_the_problem_is(capsys, tmp_path):
+    elsewhere = shutil.copy(PROBLEM, tmp_path)
+    commands = [
+        [sys.executable, "-m", "supernode", "chaos", each, "--simulate", "--draw", "3", "--json"]
+        for each in (PROBLEM, elsewhere)
+    ]
+    told = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for command in commands]
     code, out, _ = in_process(capsys, "chaos", PROBLEM, "--simulate", "--draw", "3", "--json")
     assert told == [out, out]
     outcome = json.loads(out)
