@@ -9,6 +9,7 @@ from typing import Any
 
 import zenoh
 
+from coordinator.jobs.alarms import ONE, Alarms
 from coordinator.jobs.client_limits import ClientLimits
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.job import JobEntry, JobSpec, Moved, Placement, Returned
@@ -23,6 +24,7 @@ from wire.keys import Keys
 from wire.seal import Seal
 
 _FOUND_WITHIN, _LOOK_AGAIN = 2.0, 0.02  # seconds; a running host finds a restarted router in a fifth of one
+_LOOK_FOR_THEM_AFTER = 1.0  # seconds
 
 
 def preside(config: NodeConfig, options: Options, limits: ClientLimits) -> None:
@@ -57,6 +59,8 @@ class JoinedDispatcher(ServiceDispatcher):
         super().__init__(session, keys, seal, hooks, limits=limits, expected=nodes, eval_timeout=eval_timeout)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._forgotten: set[int] = set()  # nodes of hosts that were given up; only the book's thread uses it
+        self._awaited: set[int] = set()  # those of them whose hosts are back, and that have not been seen yet
+        self._looks = Alarms(lambda _: self._look_for_the_awaited())
         callbacks = self._came, self._went, self._leave, self._drain, self._complain
         self._book = HostBook(session, keys, seal, *callbacks, hooks, most_nodes, host_timeout)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
@@ -72,9 +76,20 @@ class JoinedDispatcher(ServiceDispatcher):
             self._node_hosts.move_in(host)
             self._scheduler.stay(host.nodes)  # it may have been about to end before, or out of reach
         self._start()
-        if not self._forgotten.isdisjoint(host.nodes):
-            self._forgotten.difference_update(host.nodes)
-            self._roster.look()  # nodes that were back a moment before their host was given up will not come again
+        # Nodes that were back a moment before their host was given up will not come again.
+        if back := self._forgotten.intersection(host.nodes):
+            self._forgotten -= back
+            with self._lock:
+                self._awaited |= back
+            self._look_for_the_awaited()
+
+    def _look_for_the_awaited(self) -> None:
+        """Look for nodes until they are seen: on a busy machine Zenoh may not tell of a token that is there."""
+        self._roster.look()
+        with self._lock:
+            self._awaited.difference_update(self._scheduler.here)
+            if self._awaited:
+                self._looks.set(ONE, time.monotonic() + _LOOK_FOR_THEM_AFTER)
 
     def _went(self, host: Host) -> None:
         """Give no further job to the nodes of a host that is out of reach; those that have one keep it."""
@@ -178,4 +193,6 @@ class JoinedDispatcher(ServiceDispatcher):
     def _leave(self, host: Host, fault: str) -> None:
         self.left(host.nodes, fault)
         self._roster.forget(host.nodes)
+        with self._lock:
+            self._awaited.difference_update(host.nodes)
         self._forgotten.update(host.nodes)
