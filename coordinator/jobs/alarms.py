@@ -4,11 +4,11 @@ import threading
 import time
 from collections.abc import Callable
 
-ONE = 0  # the number of an alarm that is for all jobs
+NO_JOB = 0  # the number of an alarm that is not for a job
 
 
 class Alarms:
-    """Alarms, at most one for each job. Any thread may use it.
+    """Alarms, at most one for each job, and one more. Any thread may use it.
 
     Args:
         ring: called with the job's number, on the alarms' thread, which holds no lock then. A slow call delays the

@@ -273,7 +273,7 @@ class Calls:
         tell(self.session, self._seal, key, command)
 
     def best_told(self, key: str, job: int) -> Improvement | None:
-        """Return the best answer that the spy has told, as the function does. None if the cluster is being closed."""
+        """Return what the function `best_told` does, or None if the cluster is being closed."""
         if not self.closing:
             with contextlib.suppress(zenoh.ZError):  # the session may be closed
                 return best_told(self.session, self._seal, key, job)

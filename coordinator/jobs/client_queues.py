@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 _CLIENTS_KEPT = 1000  # without keys anybody can make up names
 _FEW = 4  # jobs that wait; a client with more lets others go first
-# So it has a turn after so many seconds or so many jobs of others, whatever is first. A client that comes back at once
-# then waits before one in thirty of its jobs: its latency at 95 % is that of a job that need not wait.
+# A client with many jobs has a turn when its latest job has started so long ago, or so many jobs of others have started
+# since. A client with short jobs that comes back at once then waits before one in thirty of them: its latency at 95 %
+# is that of a job that need not wait.
 _LONGEST, _MOST_AHEAD = 5.0, 32
 
 
@@ -24,7 +25,7 @@ class Waiting(NamedTuple):
     topology: str
 
 
-class _Turn(NamedTuple):
+class _Since(NamedTuple):
     """When a client had its latest turn, or its queue began: the time, and how many jobs had started by then."""
 
     at: float
@@ -37,12 +38,12 @@ class ClientQueues:
     def __init__(self) -> None:
         self._queues: dict[str, list[Waiting]] = {}  # by client, sorted; none is empty
         self._turns: dict[str, int] = {}  # by client, when its latest job started; the oldest first
-        self._waits_since: dict[str, _Turn] = {}  # by client with a queue
+        self._waits_since: dict[str, _Since] = {}  # by client with a queue
         self._starts = 0  # of jobs, so far
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """The jobs that wait, in the order of their turns; a later one may pass (see `next`)."""
+        """The jobs that wait, in the order of the clients' turns; a client that yields, or has its nodes, is passed."""
         in_turns = sorted(
             (rank, self._turn(client), queue[0].number, waiting.number)
             for client, queue in self._queues.items()
@@ -60,15 +61,14 @@ class ClientQueues:
         has_many = len(self._queues[client]) > _FEW
         return has_many and now - since.at < _LONGEST and self._starts - since.starts < _MOST_AHEAD
 
-    def yields_until(self, now: float) -> float | None:
-        """Return when the first client that lets others go first has waited for long enough; None if none does."""
-        return min(
-            (self._waits_since[each].at + _LONGEST for each in self._queues if self.yields(each, now)), default=None
-        )
+    def yields_until(self, now: float, besides: str) -> float | None:
+        """Return when the first client, ``besides`` one, no longer lets others go first; None if no other does."""
+        others = [client for client in self._queues if client != besides and self.yields(client, now)]
+        return min((self._waits_since[client].at + _LONGEST for client in others), default=None)
 
     def add(self, client: str, waiting: Waiting, now: float) -> None:
         """Put a job into its client's queue, ordered by priority, then by number."""
-        self._waits_since.setdefault(client, _Turn(now, self._starts))
+        self._waits_since.setdefault(client, _Since(now, self._starts))
         self._queues[client] = sorted([*self._queues.get(client, ()), waiting])
 
     def remove(self, number: int) -> bool:
@@ -100,7 +100,7 @@ class ClientQueues:
     def take(self, client: str, now: float) -> None:
         """Take the first job of a client out of its queue, since it starts: this was the client's turn."""
         self._starts += 1
-        self._waits_since[client] = _Turn(now, self._starts)
+        self._waits_since[client] = _Since(now, self._starts)
         self._set(client, self._queues[client][1:])
         self._turns.pop(client, None)  # so that it becomes the latest
         self._turns[client] = self._starts

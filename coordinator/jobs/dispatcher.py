@@ -17,7 +17,7 @@ import zenoh
 
 import topologies
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.alarms import ONE, Alarms
+from coordinator.jobs.alarms import NO_JOB, Alarms
 from coordinator.jobs.calls import tell
 from coordinator.jobs.client_limits import NO_LIMITS, ClientLimits
 from coordinator.jobs.conductor import Conductor
@@ -306,7 +306,7 @@ class Dispatcher:
         with self._lock:
             placed: list[Placed] = self._scheduler.start()
             if (again_at := self._scheduler.look_again_at) is not None:
-                self._look_again.set(ONE, again_at)
+                self._look_again.set(NO_JOB, again_at)
         for number, nodes in placed:
             self._conduct(self.jobs[number], nodes)
         self._growing.look_soon()

@@ -120,5 +120,5 @@ class Ending:
         if not job.nodes:  # it never ran, or its answer was asked for as it was queued again
             return job.best
         epoch = job.epoch.number if job.epochs else job.epochs.past.epochs
-        told = job.calls.best_told(job.keys.spy_control, job.number)  # first, since answers may come meanwhile
+        told = job.calls.best_told(job.keys.spy_control, job.number)  # before `job.best` is read: better ones may come
         return better_of(job.best, told, epoch)

@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Mapping
 
-from coordinator.jobs.alarms import ONE, Alarms
+from coordinator.jobs.alarms import NO_JOB, Alarms
 from coordinator.jobs.job import JobEntry, Moved
 from coordinator.jobs.scheduler import Scheduler
 
@@ -31,7 +31,7 @@ class Growing:
         with self._lock:
             grows = any(job.spec.file.run.grow for job in self._jobs.values())
         if grows:
-            self._alarms.set(ONE, time.monotonic() + _QUIET)
+            self._alarms.set(NO_JOB, time.monotonic() + _QUIET)
 
     def _grow(self) -> None:
         """Give the nodes that are still free to running jobs that grow. On the alarms' thread."""

@@ -6,9 +6,8 @@ output; all times are given, in seconds of a clock that never goes back.
 
 from typing import NamedTuple
 
-# Seconds for which nodes are kept free. It is also no longer than the job took that had them, so that they are free for
-# half of the time at most, and others lose no more than a job as long as that would have cost them.
-_LONGEST = 1.0
+_LONGEST = 1.0  # seconds for which nodes are kept free, and no longer than the client's last job ran
+_MOST_CELLS = 4  # for each node that is kept: a larger job would leave too many nodes idle for it
 _CLIENTS_KEPT = 1000  # without keys anybody can make up names
 
 
@@ -47,7 +46,7 @@ class ReturningClients:
             self._clients[client] = _Client(0, 0.0, now < known.until)
 
     def kept(self, cells: int, now: float) -> int:
-        """Return how many nodes are kept free from a job of so many cells: none of those whose job was smaller."""
+        """Return how many nodes are kept free from a job of so many cells (0: from any); see `_MOST_CELLS`."""
         return sum(each.nodes for each in self._awaited(cells, now))
 
     def kept_until(self, cells: int, now: float) -> float | None:
@@ -55,6 +54,5 @@ class ReturningClients:
         return min((each.until for each in self._awaited(cells, now)), default=None)
 
     def _awaited(self, cells: int, now: float) -> list[_Client]:
-        return [
-            each for each in self._clients.values() if each.came_at_once and now < each.until and each.nodes >= cells
-        ]
+        prompt = [each for each in self._clients.values() if each.came_at_once and now < each.until]
+        return [each for each in prompt if _MOST_CELLS * each.nodes >= cells]

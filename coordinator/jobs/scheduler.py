@@ -94,7 +94,7 @@ class Scheduler:
 
     @property
     def queued(self) -> tuple[int, ...]:
-        """The jobs that wait, the next one first."""
+        """The jobs that wait, in the order of the clients' turns."""
         return self._queues.numbers
 
     @property
@@ -192,9 +192,9 @@ class Scheduler:
         if found is None:
             return None
         client, waiting = found
-        if self._queues.yields(client, now):
-            return self._returning.kept_until(waiting.cells, now)
-        return self._queues.yields_until(now)  # if the next job lacks nodes, a smaller one may come to its turn
+        kept = self._returning.kept_until(waiting.cells, now) if self._queues.yields(client, now) else None
+        turn = self._queues.yields_until(now, client)  # if the next job lacks nodes, a smaller one may come to its turn
+        return min((at for at in (kept, turn) if at is not None), default=None)
 
     def free(self, number: int) -> None:
         """Free the nodes of a job that has ended; they stay wired as they are. Harmless if the job has none."""
@@ -268,7 +268,7 @@ class Scheduler:
         topology = None if wiring is None else topologies.parse(wiring.topology)
         if self._next() is not None or not isinstance(topology, topologies.Torus):
             return None
-        most = min(len(self._free) - self._returning.kept(1, self._clock()), self._room(self._clients[number]))
+        most = min(len(self._free) - self._returning.kept(0, self._clock()), self._room(self._clients[number]))
         if most < topology.columns:
             return None
         new = self._nearest(own, most // topology.columns * topology.columns)

@@ -1,5 +1,6 @@
 """The coordinator of a cluster on several machines or containers: it launches no nodes, hosts of nodes join it."""
 
+import contextlib
 import threading
 import time
 from collections.abc import Iterable
@@ -9,7 +10,7 @@ from typing import Any
 
 import zenoh
 
-from coordinator.jobs.alarms import ONE, Alarms
+from coordinator.jobs.alarms import NO_JOB, Alarms
 from coordinator.jobs.client_limits import ClientLimits
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.job import JobEntry, JobSpec, Moved, Placement, Returned
@@ -24,7 +25,7 @@ from wire.keys import Keys
 from wire.seal import Seal
 
 _FOUND_WITHIN, _LOOK_AGAIN = 2.0, 0.02  # seconds; a running host finds a restarted router in a fifth of one
-_LOOK_FOR_THEM_AFTER = 1.0  # seconds
+_AWAITED_EVERY = 1.0  # seconds between two looks for nodes whose host is back
 
 
 def preside(config: NodeConfig, options: Options, limits: ClientLimits) -> None:
@@ -60,7 +61,7 @@ class JoinedDispatcher(ServiceDispatcher):
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._forgotten: set[int] = set()  # nodes of hosts that were given up; only the book's thread uses it
         self._awaited: set[int] = set()  # those of them whose hosts are back, and that have not been seen yet
-        self._looks = Alarms(lambda _: self._look_for_the_awaited())
+        self._next_look = Alarms(lambda _: self._look_for_the_awaited())
         callbacks = self._came, self._went, self._leave, self._drain, self._complain
         self._book = HostBook(session, keys, seal, *callbacks, hooks, most_nodes, host_timeout)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
@@ -85,11 +86,14 @@ class JoinedDispatcher(ServiceDispatcher):
 
     def _look_for_the_awaited(self) -> None:
         """Look for nodes until they are seen: on a busy machine Zenoh may not tell of a token that is there."""
-        self._roster.look()
+        with self._lock:
+            awaited = frozenset(self._awaited)
+        with contextlib.suppress(zenoh.ZError):  # the session may be closed
+            self._roster.look_for(awaited)
         with self._lock:
             self._awaited.difference_update(self._scheduler.here)
             if self._awaited:
-                self._looks.set(ONE, time.monotonic() + _LOOK_FOR_THEM_AFTER)
+                self._next_look.set(NO_JOB, time.monotonic() + _AWAITED_EVERY)
 
     def _went(self, host: Host) -> None:
         """Give no further job to the nodes of a host that is out of reach; those that have one keep it."""

@@ -6,7 +6,7 @@ nothing; only the token of another process on the same node proves that the old 
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,20 @@ class Roster:
         for reply in self._liveliness.get(self._keys.any_life):
             if reply.ok is not None:
                 self._see(reply.ok)
+
+    def look_for(self, nodes: Collection[int]) -> None:
+        """Note those of these nodes that are present now and are not known; nobody is told of any other node."""
+        for reply in self._liveliness.get(self._keys.any_life):
+            if reply.ok is not None and self._misses(reply.ok, nodes):
+                self._see(reply.ok)
+
+    def _misses(self, sample: zenoh.Sample, nodes: Collection[int]) -> bool:
+        try:
+            node, _ = self._keys.life_of(str(sample.key_expr))
+        except Rejected:
+            return False
+        with self._lock:
+            return node in nodes and f"node {node}" not in self._processes
 
     def forget(self, nodes: Iterable[int]) -> None:
         """Forget nodes that are gone for good; one that comes under such a number later counts as new."""

@@ -20,8 +20,8 @@ def test_nodes_are_kept_for_a_client_that_came_at_once_the_last_time(returning):
     assert (returning.kept(16, 10.4), returning.kept_until(16, 10.4)) == (16, 10.5)
 
 
-def test_no_nodes_are_kept_from_a_larger_job(returning):
-    assert (returning.kept(17, 10.4), returning.kept_until(17, 10.4)) == (0, None)
+def test_no_nodes_are_kept_from_a_much_larger_job(returning):
+    assert (returning.kept(64, 10.4), returning.kept(65, 10.4), returning.kept_until(65, 10.4)) == (16, 0, None)
 
 
 def test_they_are_kept_for_as_long_as_the_job_took_and_for_a_second_at_most(returning):

@@ -666,24 +666,23 @@ def test_a_job_does_not_grow_into_nodes_that_are_kept(of_eight):
     for number in range(2, 13):
         of_eight.remove(number)
     assert of_eight.extend(1) is None
+    of_eight._clock.now += 0.1
+    assert len(of_eight.extend(1)) == 8
 
 
-def test_no_nodes_are_kept_from_a_larger_job():
+@pytest.mark.parametrize(("cells", "topology", "starts"), [(4, "torus 2x2", []), (5, "complete 5", [2])])
+def test_no_nodes_are_kept_from_a_much_larger_job(cells, topology, starts):
     clock = Clock()
-    scheduler = scheduler_of(4, clock=clock)
-    for number in range(0, 30, 3):
+    scheduler = scheduler_of(cells, clock=clock)
+    for number in (0, 1):  # it comes back at once
         scheduler.add(number, 1, "ring 1", client="robot")
-        assert [placed.number for placed in scheduler.start()] == [number]
+        scheduler.start()
         clock.now += 0.5
+        if number == 1:
+            for other in range(2, 12):
+                scheduler.add(other, cells, topology, client="flood")
         scheduler.free(number)
-        clock.now += 0.4
-    for number in range(30, 42):
-        scheduler.add(number, 4, "torus 2x2", client="flood")
-    scheduler.add(42, 1, "ring 1", client="robot")
-    assert [placed.number for placed in scheduler.start()] == [42]
-    clock.now += 0.5
-    scheduler.free(42)
-    assert [placed.number for placed in scheduler.start()] == [30]
+    assert [placed.number for placed in scheduler.start()] == starts
 
 
 def test_a_turn_comes_though_nothing_happens_before():
@@ -699,6 +698,25 @@ def test_a_turn_comes_though_nothing_happens_before():
         scheduler.add(number, 4, "torus 2x2", client="flood")
     scheduler.add(8, 8, "torus 2x4", client="robot")
     clock.now += 1.0
+    scheduler.free(1)
+    assert scheduler.start() == []
+    assert scheduler.look_again_at == 106.0
+    clock.now = 106.0
+    assert [placed.number for placed in scheduler.start()] == [2]
+
+
+def test_a_turn_comes_though_the_next_client_has_many_jobs_too():
+    clock = Clock()
+    scheduler = scheduler_of(8, clock=clock)
+    scheduler.add(0, 4, "torus 2x2", client="long")
+    scheduler.start()
+    clock.now += 1.0
+    for number in range(1, 8):
+        scheduler.add(number, 4, "torus 2x2", client="small")
+    assert [placed.number for placed in scheduler.start()] == [1]
+    clock.now += 1.0
+    for number in range(8, 14):
+        scheduler.add(number, 8, "torus 2x4", client="large")
     scheduler.free(1)
     assert scheduler.start() == []
     assert scheduler.look_again_at == 106.0

@@ -198,8 +198,9 @@ def test_its_nodes_are_back_with_it_though_they_were_never_away(room, monkeypatc
     room.tokens.pop("a1").undeclare()
     until(lambda: dispatcher._forgotten == {0, 1})
     assert not dispatcher.nodes()
-    look, blind = dispatcher._roster.look, [True] * in_vain
-    monkeypatch.setattr(dispatcher._roster, "look", lambda: blind.pop() if blind else look())
+    monkeypatch.setattr("coordinator.service.joined._AWAITED_EVERY", 0.01)
+    look_for, blind = dispatcher._roster.look_for, [True] * in_vain
+    monkeypatch.setattr(dispatcher._roster, "look_for", lambda nodes: blind.pop() if blind else look_for(nodes))
     room.tokens["a1"] = liveliness.declare_token(KEYS.host("a1"))
     until(lambda: [node["process"] for node in dispatcher.nodes()] == [4711, 4712])
     assert len(lives) == 2

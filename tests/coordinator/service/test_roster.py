@@ -71,3 +71,18 @@ def test_a_token_of_no_process_is_ignored(session):
     assert (absent["process"], roster.spy, complaints) == (None, None, [])
     for token in (*strange, life):
         token.undeclare()
+
+
+def test_a_look_for_some_nodes_tells_of_no_other_and_of_none_that_is_known(session):
+    """Else each look would disturb the jobs of all nodes."""
+    arrived, told = [], []
+    roster = Roster(session, KEYS, lambda *those: told.append(those), arrived=arrived.append, returned=told.append)
+    lives = [session.liveliness().declare_token(KEYS.life(node, 4711 + node)) for node in (0, 1)]
+    until(roster, lambda shown: [each["process"] for each in shown] == [4711, 4712])
+    roster.forget([0, 1])
+    arrived.clear()
+    for found in ([], [1], [1]):
+        roster.look_for({1} if found else {2})
+        assert (arrived, told) == (found, [])
+    for life in lives:
+        life.undeclare()
