@@ -31,6 +31,12 @@ def test_they_are_kept_for_as_long_as_the_job_took_and_for_a_second_at_most(retu
     assert (returning.kept_until(1, 80.9), returning.kept_until(1, 81.0)) == (81.0, None)
 
 
+def test_they_are_kept_long_enough_for_the_way_of_a_job_however_short_jobs_are(returning):
+    returning.came("robot", now=10.4)
+    returning.ended("robot", 16, 0.001, now=20.0)
+    assert (returning.kept_until(1, 20.0), returning.kept(1, 20.15)) == (20.15, 0)
+
+
 def test_nothing_is_kept_for_a_client_that_is_here_again(returning):
     returning.came("robot", now=10.1)
     assert returning.kept(1, 10.2) == 0

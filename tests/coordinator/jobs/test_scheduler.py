@@ -607,7 +607,7 @@ def test_clients_with_many_jobs_take_turns(flooded):
 
 def test_nodes_are_kept_for_a_client_that_comes_back_at_once(returning):
     assert returning.end(0.1) == []
-    assert returning.scheduler.look_again_at == pytest.approx(returning.clock.now + 0.1)
+    assert returning.scheduler.look_again_at == pytest.approx(returning.clock.now + 0.15)
     assert returning.submit("flood") == []
     assert returning.submit("robot") == ["robot"]
     assert returning.end(0.1) == []
@@ -666,7 +666,7 @@ def test_a_job_does_not_grow_into_nodes_that_are_kept(of_eight):
     for number in range(2, 13):
         of_eight.remove(number)
     assert of_eight.extend(1) is None
-    of_eight._clock.now += 0.1
+    of_eight._clock.now += 0.2
     assert len(of_eight.extend(1)) == 8
 
 
