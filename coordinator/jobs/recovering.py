@@ -112,11 +112,11 @@ class Recovering:
         while True:
             answers = job.calls.ask(questions, 0, give_up=False)
             kept |= {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
-            epochs = {look["cell"]: look["epoch"] for look in looks(answers) if look["cell"] is not None}
-            if any(each < job.epoch.number for each in epochs.values()) and time.monotonic() >= may_begin_at:
-                job.ask_for_reports(job.epoch)  # they were cut off as the epoch began
+            there = [look for look in looks(answers) if look["cell"] is not None and look["epoch"] <= job.epoch.number]
+            looking = {look["cell"] for look in there if look["begun"] and look["epoch"] == job.epoch.number}
+            if len(looking) < len(there) and time.monotonic() >= may_begin_at:
+                job.ask_for_reports(job.epoch)  # some were cut off as the epoch began, or it has never begun
                 may_begin_at = time.monotonic() + _BEGINS_WITHIN
-            looking = {cell for cell, each in epochs.items() if each == job.epoch.number}
             # A node in a long evaluation looks, but does not tell yet. One that is stopped does neither.
             is_most = 2 * len(living & kept.keys()) > len(living)
             is_late = time.monotonic() > began + (_ANSWERS_WITHIN if is_most else _MOST_ANSWER_WITHIN)

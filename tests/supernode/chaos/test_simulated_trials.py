@@ -70,6 +70,18 @@ def test_a_job_begins_again_though_a_coordinator_died_that_had_begun_with_that(f
     assert not outcome.broken, in_words(outcome)
 
 
+@pytest.mark.parametrize("seconds", [0.005, 0.012])
+def test_a_job_that_was_given_up_before_it_began_ends_though_its_coordinator_dies(file, seconds):
+    """The next coordinator takes it over: some nodes are prepared for it, and some have forgotten it already."""
+    hosts = tuple(PlannedHost(0.1 + 0.1 * place, f"h{place}", 3, "") for place in (0, 1))
+    job = PlannedJob(1.0, "torus 2x3", "lockstep", seed=2, deme=4, generations=340, seconds=1.8)
+    away = Fault(1.03, "kill", "h0", 0.35), Fault(1.04, "stop", "node 5", 3.0)  # so that it is not prepared in time
+    faults = (*away, Fault(seconds, "kill", "coordinator", upon="drop", count=1))
+    outcome = run(Plan(1, "torus 2x3", hosts, (job,), (), latency=4e-3, work=1e-2, faults=faults), file)
+    assert "client: job-0 is deadline" in "\n".join(outcome.log)
+    assert not outcome.broken, in_words(outcome)
+
+
 @pytest.mark.parametrize("seed", [2, 7, 8, 11])
 def test_a_job_that_ends_without_a_judgement_has_the_answer_that_only_clients_were_told(file, seed):
     """No coordinator lived when they were told, and none of the job's nodes is left at its deadline."""
