@@ -8,7 +8,8 @@ another notices each delay. It does so for some seconds and some jobs only, and 
 from collections.abc import Callable
 from typing import NamedTuple
 
-_CLIENTS_KEPT = 1000  # without keys anybody can make up names
+from coordinator.jobs.client_limits import keep_as_the_latest
+
 _FEW = 4  # jobs that wait; a client with more lets others go first
 # A client with many jobs has a turn when its latest job has started so long ago, or so many jobs of others have started
 # since. A client with short jobs that comes back at once then waits before one in thirty of them: its latency at 95 %
@@ -102,10 +103,7 @@ class ClientQueues:
         self._starts += 1
         self._waits_since[client] = _Since(now, self._starts)
         self._set(client, self._queues[client][1:])
-        self._turns.pop(client, None)  # so that it becomes the latest
-        self._turns[client] = self._starts
-        if len(self._turns) > _CLIENTS_KEPT:
-            del self._turns[next(iter(self._turns))]
+        keep_as_the_latest(self._turns, client, self._starts)
 
     def _set(self, client: str, queue: list[Waiting]) -> None:
         if queue:

@@ -6,11 +6,12 @@ output; all times are given, in seconds of a clock that never goes back.
 
 from typing import NamedTuple
 
+from coordinator.jobs.client_limits import keep_as_the_latest
+
 # Seconds for which nodes are kept free: as long as the client's last job ran, within these bounds. The lower one is for
 # the way to the client and back, and the check of its job, which take as long however short jobs are.
 _SHORTEST, _LONGEST = 0.15, 1.0
 _MOST_CELLS = 4  # for each node that is kept: a larger job would leave too many nodes idle for it
-_CLIENTS_KEPT = 1000  # without keys anybody can make up names
 
 
 class _Client(NamedTuple):
@@ -35,11 +36,10 @@ class ReturningClients:
 
     def ended(self, client: str, nodes: int, seconds: float, now: float) -> None:
         """Note that a client's job has ended, which had so many nodes for so long, and that none of its jobs waits."""
-        known = self._clients.pop(client, None)
+        known = self._clients.get(client)
         came_at_once = known is not None and known.came_at_once
-        self._clients[client] = _Client(nodes, now + min(max(seconds, _SHORTEST), _LONGEST), came_at_once)
-        if len(self._clients) > _CLIENTS_KEPT:
-            del self._clients[next(iter(self._clients))]
+        until = now + min(max(seconds, _SHORTEST), _LONGEST)
+        keep_as_the_latest(self._clients, client, _Client(nodes, until, came_at_once))
 
     def came(self, client: str, now: float) -> None:
         """Note that a client has submitted a job: whether it came at once decides on the next time."""

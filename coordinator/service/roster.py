@@ -6,7 +6,7 @@ nothing; only the token of another process on the same node proves that the old 
 
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -64,15 +64,20 @@ class Roster:
 
     def look(self) -> None:
         """Note all nodes that are present now; the subscriber would report them only a little later."""
-        for reply in self._liveliness.get(self._keys.any_life):
-            if reply.ok is not None:
-                self._see(reply.ok)
+        for token in self._present():
+            self._see(token)
 
     def look_for(self, nodes: Collection[int]) -> None:
         """Note those of these nodes that are present now and are not known; nobody is told of any other node."""
+        for token in self._present():
+            if self._misses(token, nodes):
+                self._see(token)
+
+    def _present(self) -> Iterator[zenoh.Sample]:
+        """Yield the tokens of nodes that are present now; on a busy machine Zenoh may leave some out."""
         for reply in self._liveliness.get(self._keys.any_life):
-            if reply.ok is not None and self._misses(reply.ok, nodes):
-                self._see(reply.ok)
+            if reply.ok is not None:
+                yield reply.ok
 
     def _misses(self, sample: zenoh.Sample, nodes: Collection[int]) -> bool:
         try:

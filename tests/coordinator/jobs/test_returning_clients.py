@@ -2,7 +2,7 @@
 
 import pytest
 
-from coordinator.jobs import returning_clients
+from coordinator.jobs import client_limits
 from coordinator.jobs.returning_clients import ReturningClients
 
 
@@ -61,7 +61,7 @@ def test_a_client_that_is_new_or_comes_twice_changes_nothing(returning):
 
 
 def test_too_many_names_are_forgotten(returning, monkeypatch):
-    monkeypatch.setattr(returning_clients, "_CLIENTS_KEPT", 2)
+    monkeypatch.setattr(client_limits, "_CLIENTS_KEPT", 2)
     for number in range(3):
         returning.ended(f"made up {number}", 1, 1.0, now=10.0)
         returning.came(f"made up {number}", now=10.05)

@@ -505,7 +505,7 @@ def test_a_coordinator_that_takes_over_knows_what_each_client_has():
 
 
 def test_a_client_that_comes_back_is_next_and_too_many_names_are_forgotten(monkeypatch):
-    monkeypatch.setattr("coordinator.jobs.client_queues._CLIENTS_KEPT", 2)
+    monkeypatch.setattr("coordinator.jobs.client_limits._CLIENTS_KEPT", 2)
     scheduler = scheduler_of(1)
     for number, client in enumerate(["polite", "flood", "flood"]):
         scheduler.add(number, 1, "ring 1", client=client)
@@ -685,43 +685,51 @@ def test_no_nodes_are_kept_from_a_much_larger_job(cells, topology, starts):
     assert [placed.number for placed in scheduler.start()] == starts
 
 
+class BesidesALongJob:
+    """A cluster of eight nodes, of which a long job has four from second 100 on; a second later others submit jobs."""
+
+    def __init__(self, client):
+        self.clock = Clock()
+        self.scheduler = scheduler_of(8, clock=self.clock)
+        self.submit(client, range(1), 4)
+        self.starts([0])
+        self.clock.now += 1.0
+
+    def submit(self, client, numbers, cells):
+        for number in numbers:
+            self.scheduler.add(number, cells, f"torus 2x{cells // 2}", client=client)
+
+    def starts(self, numbers):
+        assert [placed.number for placed in self.scheduler.start()] == numbers
+
+    def starts_only_at(self, second, number):
+        """A job starts at that second, though nothing happens before."""
+        self.starts([])
+        assert self.scheduler.look_again_at == second
+        self.clock.now = second
+        self.starts([number])
+
+
 def test_a_turn_comes_though_nothing_happens_before():
     """A larger job is next, which lacks nodes; a smaller one of a client with many jobs would find enough."""
-    clock = Clock()
-    scheduler = scheduler_of(8, clock=clock)
-    scheduler.add(0, 4, "torus 2x2", client="flood")
-    scheduler.start()
-    clock.now += 1.0
-    scheduler.add(1, 4, "torus 2x2", client="robot")
-    scheduler.start()
-    for number in range(2, 8):
-        scheduler.add(number, 4, "torus 2x2", client="flood")
-    scheduler.add(8, 8, "torus 2x4", client="robot")
-    clock.now += 1.0
-    scheduler.free(1)
-    assert scheduler.start() == []
-    assert scheduler.look_again_at == 106.0
-    clock.now = 106.0
-    assert [placed.number for placed in scheduler.start()] == [2]
+    cluster = BesidesALongJob("flood")
+    cluster.submit("robot", [1], 4)
+    cluster.starts([1])
+    cluster.submit("flood", range(2, 8), 4)
+    cluster.submit("robot", [8], 8)
+    cluster.clock.now += 1.0
+    cluster.scheduler.free(1)
+    cluster.starts_only_at(106.0, 2)
 
 
 def test_a_turn_comes_though_the_next_client_has_many_jobs_too():
-    clock = Clock()
-    scheduler = scheduler_of(8, clock=clock)
-    scheduler.add(0, 4, "torus 2x2", client="long")
-    scheduler.start()
-    clock.now += 1.0
-    for number in range(1, 8):
-        scheduler.add(number, 4, "torus 2x2", client="small")
-    assert [placed.number for placed in scheduler.start()] == [1]
-    clock.now += 1.0
-    for number in range(8, 14):
-        scheduler.add(number, 8, "torus 2x4", client="large")
-    scheduler.free(1)
-    assert scheduler.start() == []
-    assert scheduler.look_again_at == 106.0
-    clock.now = 106.0
-    assert [placed.number for placed in scheduler.start()] == [2]
+    cluster = BesidesALongJob("long")
+    cluster.submit("small", range(1, 8), 4)
+    cluster.starts([1])
+    cluster.clock.now += 1.0
+    cluster.submit("large", range(8, 14), 8)
+    cluster.scheduler.free(1)
+    cluster.starts_only_at(106.0, 2)
 
 
 def test_nothing_need_be_looked_for_again_where_one_client_has_all_jobs(flooded):
