@@ -49,6 +49,11 @@ class Asked:
     ended_at: float | None = None
     changed: set[str] = field(default_factory=set)
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the client knows the end of the job."""
+        return self.ended_at is not None or self.refused is not None
+
 
 class SimulatedClient:
     """A client with one session.

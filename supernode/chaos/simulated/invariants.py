@@ -3,7 +3,7 @@
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import cache
 from typing import Any
 
@@ -18,6 +18,7 @@ from supernode.chaos.simulated.world import World
 
 _SPY_IS_TOLD_WITHIN = 10.0  # seconds from when the spy or the faults end until it knows the jobs
 _STANDS_STILL = 10.0  # seconds; lost messages are asked for after a second
+_WAITS = 20.0  # seconds; in 2,000 trials no job waited for more than 10.2
 _DROPPED_WITHIN = 7.0  # seconds from when a host is back until its nodes have forgotten jobs that run elsewhere
 _BY_ITSELF = ("solved", "stalled", "exhausted")  # how a job ends that nobody stops
 _OF_DEATHS = {"replace", "resume"}  # directives of epochs that began because cells could not go on exactly
@@ -48,6 +49,7 @@ class Invariants:
         self.faults_end = math.inf
         self._seen: set[str] = set()
         self._reached: dict[int, tuple[tuple[int, int], float]] = {}  # by job, how far its cells are, and since when
+        self._waits_since: dict[str, float] = {}  # by id of a job that has no running cells, since when
         self._unwatched: dict[int, float] = {}  # by job that the spy does not know, since when
 
     def look(self, every: float) -> None:
@@ -58,7 +60,7 @@ class Invariants:
     def all_ended(self, jobs: int) -> bool:
         """Return whether the client knows the end of all its jobs."""
         asked = self._client.jobs
-        return len(asked) == jobs and all(each.ended_at is not None or each.refused is not None for each in asked)
+        return len(asked) == jobs and all(each.has_ended for each in asked)
 
     def expect_faults_until(self, end: float) -> None:
         """Note when another fault will be over."""
@@ -115,6 +117,7 @@ class Invariants:
                 self._complain(f"job {job}: epochs {sorted(there)} run at the same time")
             self._goes_on(job)
             self._is_watched(job, there)
+        self._wait_for_nothing(epochs.keys())
 
     def _goes_on(self, job: int) -> None:
         """Once the faults are over, the cells of a job never stand still for long."""
@@ -125,6 +128,16 @@ class Invariants:
             self._reached[job] = far, now
         elif now - max(since, self.faults_end) > _STANDS_STILL:
             self._complain(f"job {job} stands still")
+
+    def _wait_for_nothing(self, running: Collection[int]) -> None:
+        """Once the faults are over, a job without running cells goes on or ends soon, unless another has its nodes."""
+        now = self._world.now
+        for asked in self._client.jobs:
+            may_wait = asked.number in running or (asked.status == "queued" and running)
+            if may_wait or not asked.accepted or asked.has_ended:
+                self._waits_since.pop(asked.id, None)
+            elif now - max(self._waits_since.setdefault(asked.id, now), self.faults_end) > _WAITS:
+                self._complain(f"{asked.id} is {asked.status}, waits and has no running cells")
 
     def _is_watched(self, job: int, epochs: set[int]) -> None:
         """Once the faults are over, the spy knows a job and its epoch, so that clients are told better answers."""

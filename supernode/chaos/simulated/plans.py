@@ -207,7 +207,8 @@ def drawn(seed: int) -> Plan:
     faults += _ambushes(random.Random(f"ambushes {seed}"), nodes, latency)
     faults += _ambushes_of_steps(random.Random(f"steps {seed}"), nodes, latency, hosts)
     faults += (cut := _cut_off_at_a_takeover(random.Random(f"takeover {seed}"), length, hosts))
-    if hosts and random.Random(f"room {seed}").random() < 0.5:  # so that it can move, or begin again elsewhere
+    faults += (moved := _killed_as_it_moves(random.Random(f"moves {seed}"), nodes, length, latency, hosts))
+    if hosts and (moved or random.Random(f"room {seed}").random() < 0.5):  # so that it can move, or begin elsewhere
         jobs[0] = replace(jobs[0], topology="torus 2x2")
     slow = random.Random(f"slow {seed}")
     takes *= slow.uniform(*_OUTLASTS) if slow.random() < (0.7 if cut else 0.15) else 1.0
@@ -291,6 +292,18 @@ def _cut_off_at_a_takeover(draw: random.Random, length: float, hosts: tuple[Plan
     killed = Fault(at + draw.expovariate(1 / _SOON), "kill", "coordinator")
     hosts_cut = [each.name for each in hosts] if draw.random() < 0.4 else [host]
     return [*(replace(cut, whom=each) for each in hosts_cut), killed]
+
+
+def _killed_as_it_moves(
+    draw: random.Random, nodes: int, length: float, latency: float, hosts: tuple[PlannedHost, ...]
+) -> list[Fault]:
+    """Return the end of one or two hosts, and a kill in a step of the job that moves away from them."""
+    if len(hosts) < 3 or draw.random() >= 0.35:
+        return []
+    at, seconds = draw.uniform(0.0, length), draw.uniform(0.5, 5.0)
+    leaves = [Fault(at, "leave", host.name, seconds) for host in hosts[: draw.choice((1, 2))]]
+    soon, upon = draw.expovariate(1.0 / (_AFTER * latency)), draw.choice(("halt", "prepare"))
+    return [*leaves, Fault(soon, "kill", f"node {draw.randrange(nodes)}", upon=upon, count=draw.randint(1, 4))]
 
 
 def _with_an_end(draw: random.Random, job: PlannedJob) -> PlannedJob:

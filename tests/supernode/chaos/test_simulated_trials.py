@@ -11,6 +11,7 @@ import pytest
 from command_line import in_process
 
 from benchmarks import planted_bugs
+from supernode.chaos.simulated import invariants
 from supernode.chaos.simulated.campaign import in_words, trial
 from supernode.chaos.simulated.plans import Fault, Plan, PlannedHost, PlannedJob, PlannedRequest, drawn
 from supernode.chaos.simulated.trial import Outcome, run, shortest
@@ -34,6 +35,14 @@ def test_the_same_seed_gives_the_same_events(file, seed):
     one, other = run(drawn(seed), file), run(drawn(seed), file)
     assert one.log == other.log
     assert one.digest == other.digest != run(replace(drawn(seed), seed=seed + 1000), file).digest
+
+
+def test_a_job_that_waits_without_a_reason_is_noticed(file, monkeypatch):
+    job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=2, deme=1, generations=30, seconds=None)
+    plan = Plan(1, "torus 2x2", (), (job,), (), latency=4e-3, work=1e-3, faults=())
+    assert not run(plan, file).broken
+    monkeypatch.setattr(invariants, "_WAITS", 0.01)  # seconds: to prepare four nodes takes longer
+    assert run(plan, file).broken == ["job-0 is preparing, waits and has no running cells"]
 
 
 def test_cells_of_a_job_that_began_again_elsewhere_end_once_their_host_is_back(file):
