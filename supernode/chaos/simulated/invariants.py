@@ -5,9 +5,11 @@ import math
 from collections import defaultdict
 from collections.abc import Collection, Iterator
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary, ref
 
 from node.assignment import Assignment
+from node.process import NodeProcess
 from problems import BadInput, ProblemFile
 from spy.judgement import STATUS_OF, Status
 from supernode.chaos.repeating import Repetition, repeated
@@ -50,6 +52,7 @@ class Invariants:
         self._seen: set[str] = set()
         self._reached: dict[int, tuple[tuple[int, int], float]] = {}  # by job, how far its cells are, and since when
         self._waits_since: dict[str, float] = {}  # by id of a job that has no running cells, since when
+        self._begun: WeakKeyDictionary[NodeProcess, _Begun] = WeakKeyDictionary()  # last of all
         self._unwatched: dict[int, float] = {}  # by job that the spy does not know, since when
 
     def look(self, every: float) -> None:
@@ -101,6 +104,7 @@ class Invariants:
         its cells on those hosts until they are back; until then the two do not meet.
         """
         self._numbers()
+        self._begin_once()
         on: dict[tuple[int, int, int], list[int]] = defaultdict(list)
         epochs: dict[int, set[int]] = defaultdict(set)
         for node, assignment in self._running():
@@ -154,6 +158,17 @@ class Invariants:
             assignment = process.driver.assignment
             if assignment is not None and assignment.cell.state == "running":
                 yield node, assignment
+
+    def _begin_once(self) -> None:
+        """A process begins its cell once in an epoch: as long as it lives, nobody takes it for dead."""
+        for node, process in self._cluster.nodes.items():
+            now, before = process.driver.assignment, self._begun.get(process)
+            if now is None or now.cell.state == "prepared" or (before is not None and before.assignment() is now):
+                continue
+            place = now.job, now.epoch, now.cell.number
+            if before is not None and place == before.place:
+                self._complain(f"job {now.job}, epoch {now.epoch}: cell {now.cell.number} begins again on node {node}")
+            self._begun[process] = _Begun(place, ref(now))
 
     def _numbers(self) -> None:
         """No two hosts have a node of the same number."""
@@ -221,6 +236,13 @@ class Invariants:
         """Return whether the client was told this fitness, if cells may have died, and the problem was not changed."""
         told = any(each.job == asked.number and each.fitness == best for _, each in asked.told)
         return told and self._may_lose_cells and "update" not in asked.changed
+
+
+class _Begun(NamedTuple):
+    """Job, epoch and cell that a process has begun, and what it is assigned to; weakly, since it may hold a query."""
+
+    place: tuple[int, int, int]
+    assignment: ref[Assignment]
 
 
 class _Key:
