@@ -134,10 +134,13 @@ class Invariants:
             self._complain(f"job {job} stands still")
 
     def _wait_for_nothing(self, running: Collection[int]) -> None:
-        """Once the faults are over, a job without running cells goes on or ends soon, unless another has its nodes."""
+        """Once the faults are over, a job without running cells goes on or ends soon, unless another has its nodes.
+
+        One that is given up at its deadline may keep nodes for longer if a coordinator takes it over just then.
+        """
         now = self._world.now
         for asked in self._client.jobs:
-            may_wait = asked.number in running or (asked.status == "queued" and running)
+            may_wait = asked.number in running or (asked.status == "queued" and running) or asked.status == "deadline"
             if may_wait or not asked.accepted or asked.has_ended:
                 self._waits_since.pop(asked.id, None)
             elif now - max(self._waits_since.setdefault(asked.id, now), self.faults_end) > _WAITS:
@@ -160,12 +163,15 @@ class Invariants:
                 yield node, assignment
 
     def _begin_once(self) -> None:
-        """A process begins its cell once in an epoch: as long as it lives, nobody takes it for dead."""
+        """A process begins its cell once in an epoch: as long as it lives, nobody takes it for dead.
+
+        A job that begins again elsewhere has the same epochs, but another wiring.
+        """
         for node, process in self._cluster.nodes.items():
             now, before = process.driver.assignment, self._begun.get(process)
             if now is None or now.cell.state == "prepared" or (before is not None and before.assignment() is now):
                 continue
-            place = now.job, now.epoch, now.cell.number
+            place = now.job, now.epoch, now.links.wiring.number, now.cell.number
             if before is not None and place == before.place:
                 self._complain(f"job {now.job}, epoch {now.epoch}: cell {now.cell.number} begins again on node {node}")
             self._begun[process] = _Begun(place, ref(now))
@@ -239,9 +245,14 @@ class Invariants:
 
 
 class _Begun(NamedTuple):
-    """Job, epoch and cell that a process has begun, and what it is assigned to; weakly, since it may hold a query."""
+    """What a process has begun last.
 
-    place: tuple[int, int, int]
+    Attributes:
+        place: job, epoch, number of the wiring, and cell.
+        assignment: weak, since an assignment may hold a query that ends when nobody knows it any more.
+    """
+
+    place: tuple[int, int, int, int]
     assignment: ref[Assignment]
 
 
