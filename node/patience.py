@@ -3,6 +3,8 @@
 _PATIENCE = 1.0  # s that a cell waits at least
 _USUALLY = 4  # times as long as it usually takes; on a busy machine each exchange may take seconds
 _LEAST_USUAL = 0.01  # s
+# Cells that wait ask less and less often, but at least so often: a neighbour may have been cut off, and be back.
+_LONGEST_PAUSE = 5.0  # s
 # A process that takes a dead one's place misses what its neighbours send before they know that it listens, and a
 # neighbour that is new itself has nothing to answer with before it has begun. So it soon asks again, for a while.
 _HASTY, _HASTY_FOR = 0.1, 5.0  # s
@@ -42,7 +44,7 @@ class Patience:
     def is_over(self, now: float, waits_since: float) -> bool:
         """Return whether the cell should ask now; if it goes on waiting, it is due less and less often."""
         waited, patience = now - waits_since, self._patience
-        self.due = now + max(patience - waited, waited)
+        self.due = now + max(patience - waited, min(waited, max(patience, _LONGEST_PAUSE)))
         return waited >= patience
 
     @property

@@ -51,6 +51,12 @@ def test_one_that_took_long_changes_little(quick, stall):
 def test_a_cell_that_has_waited_long_and_goes_on_asks_in_time_for_the_next_message():
     patience = Patience()
     patience.begin(0.0, took_over=False)
-    assert asked(patience, 0.0, 40.0)[-1] == pytest.approx(32.0)
-    patience.note(33.0, 33.0)
-    assert asked(patience, 33.0, 34.5) == pytest.approx([34.0])
+    assert asked(patience, 0.0, 20.0)[-1] == pytest.approx(18.0)
+    patience.note(19.0, 19.0)
+    assert asked(patience, 19.0, 20.5) == pytest.approx([20.0])
+
+
+def test_a_cell_that_waits_for_one_that_is_cut_off_still_asks_every_five_seconds():
+    patience = Patience()
+    patience.begin(0.0, took_over=False)
+    assert asked(patience, 0.0, 24.0) == pytest.approx([1.0, 2.0, 4.0, 8.0, 13.0, 18.0, 23.0])
