@@ -335,7 +335,7 @@ BUGS = (
     Bug(
         "a node that dies while halted cells move is not marked as dead",
         "coordinator.jobs.replacing",
-        "self._mark_dead(another.node, goes_on=bool(self._job.epoch.dead) or self._is_moving)",
+        "self._mark_dead(another.node, goes_on=bool(self._job.epoch.dead) or self._needs_an_epoch)",
         "self._mark_dead(another.node)",
     ),
     Bug(

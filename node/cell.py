@@ -355,6 +355,7 @@ class Cell:
                 state=reported(self.rows.problems[0]) if sound else b"",
                 error=error,
                 infeasible=self.plan.infeasible,
+                halted=self._halted,
             )
         )
 

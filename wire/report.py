@@ -86,6 +86,7 @@ class Report:
         error: why the cell failed, or None.
         infeasible: genomes that count as infeasible, since they have killed processes (`node.suspects`), each with the
             digest of its problem.
+        halted: whether it was told to halt where it was, so that another epoch can begin (see `wire.control.Halt`).
     """
 
     cell: int
@@ -104,6 +105,7 @@ class Report:
     state: bytes
     error: str | None
     infeasible: tuple[tuple[str, bytes], ...] = ()
+    halted: bool = False
 
     def encode(self) -> bytes:
         """Return the report as msgpack: an array of the fields in the order of their definition."""
@@ -116,9 +118,9 @@ class Report:
         Raises:
             Rejected: if the payload is not a valid report.
         """
-        cell, generation, digest, *counters, staleness, champion, proposals, births, deme, state, error, deadly = (
-            fields(unpack(payload), 16)
-        )
+        values = fields(unpack(payload), 17)
+        cell, generation, digest, *counters = values[:8]
+        staleness, champion, proposals, births, deme, state, error, deadly, halted = values[8:]
         evaluations, sent, received, lost, rejected = (count(each) for each in counters)
         return Report(
             count(cell),
@@ -140,6 +142,7 @@ class Report:
                 (of(str, problem), of(bytes, genome))
                 for problem, genome in (fields(each, 2) for each in of(list, deadly))
             ),
+            of(bool, halted),
         )
 
 

@@ -102,6 +102,10 @@ class MovedError(Exception):
         self.nodes = moved.nodes
 
 
+class HaltedError(Exception):
+    """Cells are halted in the latest epoch, by a coordinator that died before it could begin another one."""
+
+
 class _ReturnedError(Exception):
     """A node that was cut off is back."""
 

@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 import zenoh
 
-from coordinator.jobs.calls import Calls, GivenUpError, MovedError, ReplacedError
+from coordinator.jobs.calls import Calls, GivenUpError, HaltedError, MovedError, ReplacedError
 from coordinator.jobs.changing import Changing
 from coordinator.jobs.checkpointing import Checkpointing
 from coordinator.jobs.conducted_job import ConductedJob, ConductorServices
@@ -183,3 +183,5 @@ class Conductor:
                 self._replacing.replace(replaced.node)
             except MovedError as moved:
                 self._replacing.move(moved.nodes)
+            except HaltedError:
+                self._replacing.go_on_from_a_halt()

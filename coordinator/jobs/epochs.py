@@ -98,6 +98,11 @@ class Epoch:
         return bool(self.dead)
 
     @property
+    def has_halted_cells(self) -> bool:
+        """Whether some cell has halted where it was: the job can only go on in another epoch then."""
+        return any(report.halted for report in self.reports.values())
+
+    @property
     def settled(self) -> bool:
         """Whether all cells have stopped in this epoch, or are halted because a node died."""
         return self.stopped or self.halted

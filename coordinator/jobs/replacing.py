@@ -101,9 +101,18 @@ class Replacing:
         job.nodes = nodes if grows else nodes[: job.epoch.cells]
         self._replace_the_dead()
 
+    def go_on_from_a_halt(self) -> None:
+        """Begin another epoch: the coordinator before this one had halted cells, and died before it could begin it."""
+        self._replace_the_dead()
+
     @property
     def _is_moving(self) -> bool:
         return self._job.nodes != self._job.epoch.wiring.nodes
+
+    @property
+    def _needs_an_epoch(self) -> bool:
+        """Whether the job can only go on in another epoch, also if all its processes live."""
+        return self._is_moving or self._job.epoch.has_halted_cells
 
     def _mark_dead(self, node: int | None, goes_on: bool = False) -> None:
         """Note that a node of this job (None: the spy) was replaced by a new process, which knows nothing of the job.
@@ -120,16 +129,16 @@ class Replacing:
     def _replace_the_dead(self) -> None:
         """Bring the new processes into the job; repeat if another one dies meanwhile, or one refuses."""
         exact_until, refusals = time.monotonic() + _EXACT_WITHIN, 0
-        while self._spy_is_new or self._job.epoch.dead or self._is_moving:
+        while self._spy_is_new or self._job.epoch.dead or self._needs_an_epoch:
             try:
-                if not (self._job.epoch.dead or self._is_moving):
+                if not (self._job.epoch.dead or self._needs_an_epoch):
                     self._preparing.show_to_the_spy(self._job.epoch)
                     self._spy_is_new = False
-                elif self._is_moving or time.monotonic() > exact_until or not self._recovering.recover():
+                elif self._needs_an_epoch or time.monotonic() > exact_until or not self._recovering.recover():
                     self._go_on_without_the_dead()  # this begins a new epoch, which is shown to a new spy too
                     self._spy_is_new = False
             except ReplacedError as another:
-                self._mark_dead(another.node, goes_on=bool(self._job.epoch.dead) or self._is_moving)
+                self._mark_dead(another.node, goes_on=bool(self._job.epoch.dead) or self._needs_an_epoch)
             except RefusedError as refused:
                 refusals += 1
                 if refusals > _MOST_REFUSALS:
@@ -213,9 +222,8 @@ class Replacing:
         donors |= {cell: cell for cell in states}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
         dead = ", ".join(map(str, sorted(before.dead)))
-        job.entry.spec.say(
-            f"another epoch begins, {f'without the processes of cells {dead}' if dead else 'on other nodes'}"
-        )
+        alive = "on other nodes" if self._is_moving else "since cells are halted"
+        job.entry.spec.say(f"another epoch begins, {f'without the processes of cells {dead}' if dead else alive}")
         why = {
             "do": "replace",
             "demes_of": {str(cell): donor for cell, donor in donors.items()},

@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 
-from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, MovedError, ReplacedError, Reported, StatesTold
+from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, HaltedError, MovedError, ReplacedError, Reported, StatesTold
 from coordinator.jobs.changing import Changing
 from coordinator.jobs.checkpointing import Checkpointing
 from coordinator.jobs.conducted_job import ConductedJob
@@ -42,6 +42,7 @@ class Running:
         Raises:
             ReplacedError: if a process died and was replaced meanwhile.
             MovedError: if cells are to go on on other nodes.
+            HaltedError: if cells are halted, though nobody here has told them.
             ClusterFailed: if the job cannot continue.
             GivenUpError: if it was stopped, but cells go on: their evaluation does not end.
         """
@@ -64,6 +65,8 @@ class Running:
                     self._ask_at = time.monotonic() + ASK_AGAIN if is_latest else self._ask_at
                 elif (error := job.note(message.epoch, message.report)) is not None:
                     return error
+                elif job.epoch.has_halted_cells:
+                    raise HaltedError
             else:
                 self._attend_to(message)
         return None

@@ -167,6 +167,7 @@ REPORT = Report(
     b"\x12\x34",
     b"\x56",
     None,
+    halted=True,
 )
 COUNTERS = Counters(*range(1, 11), 0.5, 1.5, 2.5, 0.5, 3, 4, 0.25)
 IMPROVEMENT = Improvement(3, 1, 0.25, 7, 2, 0.5, True, {"angles": [0.1, 0.2], "tip": {"x": 1}})

@@ -221,6 +221,8 @@ class Invariants:
         done = {each["do"] for each in result["directives"]}
         if asked.file.run.mode != "lockstep" or "restart" in done or not result["generations"]:
             return
+        if asked.status == "exhausted" and result["generations"] < asked.file.run.generations:
+            self._complain(f"{asked.id} has ended after {result['generations']} generations, for no reason")
         if result["history_sha256"] is None and (done & _OF_DEATHS or self._may_lose_histories):
             return
         expected = _expected(_Key(asked.file), json.dumps(result["directives"], sort_keys=True))

@@ -79,6 +79,21 @@ def test_a_job_begins_again_though_a_coordinator_died_that_had_begun_with_that(f
     assert not outcome.broken, in_words(outcome)
 
 
+@pytest.mark.parametrize("killed", [("coordinator",), ("coordinator", "node 2")])
+@pytest.mark.parametrize("upon", [("halt", 1), ("prepare", 3), ("prepare", 4)])
+def test_a_job_whose_coordinator_dies_as_it_moves_does_not_end_where_its_cells_were_halted(file, upon, killed):
+    """The next coordinator learns that from their reports; it has nowhere to move them to, since h2 and h3 are cut off."""
+    hosts = tuple(PlannedHost(0.1 + 0.1 * place, f"h{place}", 2, "") for place in (0, 1, 2, 3))
+    job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=1, deme=4, generations=300, seconds=None)
+    step, count = upon
+    cut = (Fault(5e-3, "part", each, 2.0, other="router", upon=step, count=count) for each in ("h2", "h3"))
+    deaths = (Fault(5e-3, "kill", whom, upon=step, count=count) for whom in killed)
+    faults = (Fault(2.0, "leave", "h0", 2.0), *cut, *deaths)
+    outcome = run(Plan(1, "torus 2x3", hosts, (job,), (), latency=1e-3, work=2e-2, faults=faults), file)
+    assert f"kill coordinator after {step} {count}" in "\n".join(outcome.log)
+    assert not outcome.broken, in_words(outcome)
+
+
 @pytest.mark.parametrize("seconds", [0.005, 0.012])
 def test_a_job_that_was_given_up_before_it_began_ends_though_its_coordinator_dies(file, seconds):
     """The next coordinator takes it over: some nodes are prepared for it, and some have forgotten it already."""
