@@ -291,12 +291,6 @@ BUGS = (
         "may_go_on = not command.deme",
     ),
     Bug(
-        "cells that have been halted are no reason to give exact recovery up",
-        "coordinator.jobs.recovering",
-        "if any(each.halted for each in kept.values()):",
-        "if False:",
-    ),
-    Bug(
         "a stop that was proposed by a process that died is recorded nowhere",
         "coordinator.jobs.ending",
         "            reports[ROOT] = replace(root, proposals=(*root.proposals, lost))\n",

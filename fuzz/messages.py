@@ -52,7 +52,7 @@ _ANSWERS = (
     control.Done('{"a": 1}'),
     control.Refused("no", "input"),
     control.Judged("solved", True, None, b"\x12", "in words", 0.5, _CLEARANCE, "{}", "when", ("longer",), True),
-    KeptStates(2, 40, 30, ((1, 32, b"state"),), ((1, 40),), True, 44),
+    KeptStates(2, 40, 30, ((1, 32, b"state"),), ((1, 40),), 44),
 )
 _REPORT = Report(
     2,

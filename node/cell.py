@@ -263,7 +263,7 @@ class Cell:
         states = self.inbox.states_told_once() if once else self.inbox.states
         oldest = now if oldest is None else oldest
         stop_at = known_stop(self.rows, self.inbox)
-        return KeptStates(self.number, now, oldest, states, self._heard(), self._halted, stop_at)
+        return KeptStates(self.number, now, oldest, states, self._heard(), stop_at)
 
     def _heard(self) -> tuple[tuple[int, int], ...]:
         """Return, for each neighbour, the generation up to which all its messages have come; nothing in async mode."""

@@ -44,7 +44,6 @@ class KeptStates:
         oldest: the generation of the oldest message that it can send again.
         states: for each state its cell, its generation, and the state as bytes.
         heard: in lockstep, for each neighbour its cell and the generation up to which all its messages have come.
-        halted: whether it was told to halt where it was; then a cell that has died cannot go on in this epoch.
         stop_at: the generation after which it will stop, if it knows one or has been told of one.
     """
 
@@ -53,7 +52,6 @@ class KeptStates:
     oldest: int
     states: tuple[tuple[int, int, bytes], ...]
     heard: tuple[tuple[int, int], ...]
-    halted: bool
     stop_at: int | None
 
     @staticmethod
@@ -63,13 +61,13 @@ class KeptStates:
         Raises:
             Rejected: if they are no valid answer.
         """
-        cell, generation, oldest, states, heard, halted, stop_at = fields(values, 7)
+        cell, generation, oldest, states, heard, stop_at = fields(values, 6)
         found = [fields(each, 3) for each in of(list, states)]
         kept = tuple((count(whose), count(its), of(bytes, state)) for whose, its, state in found)
         pairs = [fields(each, 2) for each in of(list, heard)]
         come = tuple((count(whose), count(its)) for whose, its in pairs)
         place = count(cell), count(generation), count(oldest)
-        return KeptStates(*place, kept, come, of(bool, halted), _count_or_none(stop_at))
+        return KeptStates(*place, kept, come, _count_or_none(stop_at))
 
 
 def _count_or_none(value: object) -> int | None:

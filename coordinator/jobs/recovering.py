@@ -50,9 +50,6 @@ class Recovering:
         if job.dispatch.hosts_of(job.nodes) != epoch.wiring.hosts:
             return False
         kept = self.kept_states()
-        if any(each.halted for each in kept.values()):
-            self._tell_why_not(set(epoch.dead), "others were halted, by an attempt that came to nothing")
-            return False
         demes = job.epochs.first_demes()
         begin = range(epoch.cells) if epoch.has_random_demes else demes
         chosen = choose_states(epoch.topology, kept, begin)

@@ -159,7 +159,8 @@ def answers(plan, cell, *questions):
 def test_a_cell_that_has_halted_still_answers_neighbours_that_missed_a_message():
     plan = plan_of()
     cell, published = started(plan)
-    cell.step(events=[Halt()])
+    (report,) = cell.step(events=[Halt()])
+    assert report.halted
     assert answers(plan, cell, Asked(0, "q")) == {"q": [said(plan, published)]}
 
 
@@ -169,7 +170,7 @@ def test_halt_is_nothing_to_a_cell_that_has_not_begun_or_has_ended():
     assert cell.step(events=[Halt()]) == []
     assert cell.state == "prepared"
     (report,) = cell.step(events=[Start()])
-    assert report.generation == 0
+    assert (report.generation, report.halted) == (0, False)
     assert cell.step(events=[Halt()]) == [], "it reports once"
 
 

@@ -98,7 +98,6 @@ ANSWERS = st.one_of(
         counts,
         st.lists(st.tuples(counts, counts, st.binary(max_size=100)), max_size=3).map(tuple),
         st.lists(st.tuples(counts, counts), max_size=3).map(tuple),
-        st.booleans(),
         st.none() | counts,
     ),
     st.builds(Done, st.text()),
@@ -134,6 +133,7 @@ REPORTS = st.builds(
     deme=st.binary(max_size=100),
     state=st.binary(max_size=100),
     error=st.none() | st.text(),
+    halted=st.booleans(),
 )
 IMPROVEMENTS = st.builds(
     Improvement,
@@ -195,7 +195,7 @@ READERS = {
     "tell states": (control.decode, control.encode(TellStates(3, 1, wiring=7))),
     "kept states": (
         control.decode_answer,
-        control.encode_answer(KeptStates(2, 40, 30, ((1, 32, b"state"),), ((1, 40),), True, 44)),
+        control.encode_answer(KeptStates(2, 40, 30, ((1, 32, b"state"),), ((1, 40),), 44)),
     ),
     "answer": (control.decode_answer, control.encode_answer(Done('{"a": 1}'))),
     "refusal": (control.decode_answer, control.encode_answer(Refused("no", "input"))),

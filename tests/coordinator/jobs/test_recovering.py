@@ -208,7 +208,6 @@ def keeping(dead, states, generation=100, oldest=0):
                 (each, its, b"%d" % its) for each in TORUS.neighbours(cell) if each in states for its in states[each]
             ),
             tuple((each, max(states.get(each, (0,)))) for each in set(TORUS.neighbours(cell))),
-            halted=False,
             stop_at=None,
         )
         for cell in range(12)

@@ -82,7 +82,7 @@ def test_a_job_begins_again_though_a_coordinator_died_that_had_begun_with_that(f
 @pytest.mark.parametrize("killed", [("coordinator",), ("coordinator", "node 2")])
 @pytest.mark.parametrize("upon", [("halt", 1), ("prepare", 3), ("prepare", 4)])
 def test_a_job_whose_coordinator_dies_as_it_moves_does_not_end_where_its_cells_were_halted(file, upon, killed):
-    """The next coordinator learns that from their reports; it has nowhere to move them to, since h2 and h3 are cut off."""
+    """The next coordinator learns it from their reports, and has nowhere to move them to: h2 and h3 are cut off."""
     hosts = tuple(PlannedHost(0.1 + 0.1 * place, f"h{place}", 2, "") for place in (0, 1, 2, 3))
     job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=1, deme=4, generations=300, seconds=None)
     step, count = upon
