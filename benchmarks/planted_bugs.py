@@ -376,7 +376,7 @@ def _find(bug: Bug | None, first: int, most: int) -> None:
     if bug is not None:
         sys.meta_path.insert(0, _Finder(bug))
     from problems import load
-    from supernode.chaos.simulated.plans import drawn
+    from supernode.chaos.simulated.drawing import drawn
     from supernode.chaos.simulated.trial import run
 
     file = load(str(_PROBLEM))

@@ -9,7 +9,7 @@ from multiprocessing import get_context
 from typing import Any
 
 from problems import ProblemFile
-from supernode.chaos.simulated.plans import drawn
+from supernode.chaos.simulated.drawing import drawn
 from supernode.chaos.simulated.trial import Outcome, run, shortest
 
 

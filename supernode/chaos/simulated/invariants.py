@@ -78,6 +78,10 @@ class Invariants:
         nodes = self._cluster.nodes.items()
         return [node for node, process in nodes if self._cluster.open_links(node) > len(process.epochs.wirings)]
 
+    def taken(self, process: str, address: str) -> None:
+        """Nobody listens where an old link may be open: the coordinator knows which addresses are in use."""
+        self._complain(f"{process} finds {address} in use")
+
     def at_the_end(self) -> None:
         """Look at what the client was told, and whether all nodes have stopped and closed their links."""
         if strays := self.strays():

@@ -168,6 +168,7 @@ class Network:
         weather: what the network does wrong for now.
         listeners: the stations that listen, by endpoint.
         asked: called with the sealed command of each question that a coordinator sends.
+        taken: called with the name of a process and an address at which it cannot listen, since another session does.
     """
 
     def __init__(self, world: World, fair: Weather, work: float) -> None:
@@ -177,6 +178,7 @@ class Network:
         self.listeners: dict[str, Station] = {}
         self.numbers = itertools.count()
         self.asked: Callable[[bytes], None] = lambda _: None
+        self.taken: Callable[[str, str], None] = lambda *_: None
         self._stations: list[Station] = []
         self._apart: dict[frozenset[str], float] = {}  # names of processes, until when they are cut off
         self._held: dict[tuple[str, str], float] = {}  # from and to whom, until when messages are held

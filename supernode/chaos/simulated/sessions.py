@@ -79,6 +79,7 @@ class Session(Station):
             before = network.listeners.get(endpoint)
             if before is not None and before.is_open and before.process.alive:
                 self.shut()
+                network.taken(process.name, endpoint)
                 raise ZError(f"{endpoint}: address already in use")
             network.listeners[endpoint] = self
         process.start(self._work, "network")

@@ -113,7 +113,7 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
             world.at(ready + fault.at, partial(cluster.suffer, fault))
         invariants.faults_end = last
         ambushes = Ambushes(world, cluster, plan.faults, invariants.expect_faults_until)
-        network.asked = ambushes.asked
+        network.asked, network.taken = ambushes.asked, invariants.taken
         world.at(ready, lambda: invariants.look(_LOOK_EVERY))
         world.at(ready, lambda: ambushes.look(_LOOK_CLOSELY_EVERY))
         over = world.run(lambda: world.now > last and invariants.all_ended(len(plan.jobs)), last + _ENDS_WITHIN)

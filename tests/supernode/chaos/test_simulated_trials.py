@@ -13,7 +13,8 @@ from command_line import in_process
 from benchmarks import planted_bugs
 from supernode.chaos.simulated import invariants
 from supernode.chaos.simulated.campaign import in_words, trial
-from supernode.chaos.simulated.plans import Fault, Plan, PlannedHost, PlannedJob, PlannedRequest, drawn
+from supernode.chaos.simulated.drawing import drawn
+from supernode.chaos.simulated.plans import Fault, Plan, PlannedHost, PlannedJob, PlannedRequest
 from supernode.chaos.simulated.trial import Outcome, run, shortest
 
 ROOT = Path(__file__).resolve().parents[3]
