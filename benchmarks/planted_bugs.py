@@ -291,6 +291,12 @@ BUGS = (
         "may_go_on = not command.deme",
     ),
     Bug(
+        "a cell that a dead coordinator has halted counts as one that has ended",
+        "coordinator.jobs.running",
+        "elif job.epoch.has_halted_cells:",
+        "elif False:",
+    ),
+    Bug(
         "a stop that was proposed by a process that died is recorded nowhere",
         "coordinator.jobs.ending",
         "            reports[ROOT] = replace(root, proposals=(*root.proposals, lost))\n",

@@ -50,10 +50,9 @@ class Invariants:
         self._broken = broken
         self.faults_end = math.inf
         self._seen: set[str] = set()
-        self._reached: dict[int, tuple[tuple[int, int], float]] = {}  # by job, how far its cells are, and since when
-        self._waits_since: dict[str, float] = {}  # by id of a job that has no running cells, since when
-        self._begun: WeakKeyDictionary[NodeProcess, _Begun] = WeakKeyDictionary()  # last of all
-        self._unwatched: dict[int, float] = {}  # by job that the spy does not know, since when
+        self._since: dict[tuple[str, object], float] = {}  # what should not last and whom it is with, since when
+        self._reached: dict[int, tuple[int, int]] = {}  # by job, how far its cells are
+        self._begun: WeakKeyDictionary[NodeProcess, _Begun] = WeakKeyDictionary()
 
     def look(self, every: float) -> None:
         """Look now, and then again and again. On the hub."""
@@ -127,14 +126,20 @@ class Invariants:
             self._is_watched(job, there)
         self._wait_for_nothing(epochs.keys())
 
+    def _lasts(self, what: str, whom: object, is_so: bool, limit: float) -> bool:
+        """Return whether something ``is_so`` for longer than the limit, once the faults are over. Ask at each look."""
+        if not is_so:
+            self._since.pop((what, whom), None)
+            return False
+        now = self._world.now
+        return now - max(self._since.setdefault((what, whom), now), self.faults_end) > limit
+
     def _goes_on(self, job: int) -> None:
         """Once the faults are over, the cells of a job never stand still for long."""
-        now, running = self._world.now, [each for _, each in self._running() if each.job == job]
+        running = [each for _, each in self._running() if each.job == job]
         far = max(each.epoch for each in running), sum(each.cell.rows.generation for each in running)
-        before, since = self._reached.get(job, (None, now))
-        if far != before:
-            self._reached[job] = far, now
-        elif now - max(since, self.faults_end) > _STANDS_STILL:
+        is_as_before, self._reached[job] = far == self._reached.get(job), far
+        if self._lasts("stands still", job, is_as_before, _STANDS_STILL):
             self._complain(f"job {job} stands still")
 
     def _wait_for_nothing(self, running: Collection[int]) -> None:
@@ -142,21 +147,18 @@ class Invariants:
 
         One that is given up at its deadline may keep nodes for longer if a coordinator takes it over just then.
         """
-        now = self._world.now
         for asked in self._client.jobs:
             may_wait = asked.number in running or (asked.status == "queued" and running) or asked.status == "deadline"
-            if may_wait or not asked.accepted or asked.has_ended:
-                self._waits_since.pop(asked.id, None)
-            elif now - max(self._waits_since.setdefault(asked.id, now), self.faults_end) > _WAITS:
+            waits = asked.accepted and not asked.has_ended and not may_wait
+            if self._lasts("waits", asked.id, waits, _WAITS):
                 self._complain(f"{asked.id} is {asked.status}, waits and has no running cells")
 
     def _is_watched(self, job: int, epochs: set[int]) -> None:
         """Once the faults are over, the spy knows a job and its epoch, so that clients are told better answers."""
-        spy, now = self._cluster.spy, self._world.now
+        spy = self._cluster.spy
         watched = None if spy is None else spy.assignments.get(job)
-        if watched is not None and watched.plan.epoch in epochs and watched.began is not None:
-            self._unwatched.pop(job, None)
-        elif now - max(self._unwatched.setdefault(job, now), self.faults_end) > _SPY_IS_TOLD_WITHIN:
+        is_watched = watched is not None and watched.plan.epoch in epochs and watched.began is not None
+        if self._lasts("is not watched", job, not is_watched, _SPY_IS_TOLD_WITHIN):
             self._complain(f"job {job}: the spy does not watch it")
 
     def _running(self) -> Iterator[tuple[int, Assignment]]:
@@ -251,7 +253,7 @@ class Invariants:
 
 
 class _Begun(NamedTuple):
-    """What a process has begun last.
+    """The cell that a process has begun, the latest if several.
 
     Attributes:
         place: job, epoch, number of the wiring, and cell.
