@@ -87,7 +87,6 @@ class Cell:
         self._tells_champion = plan.run.spy == "champion" or number == ROOT
         self._outbox = Outbox(plan.limits.most_bytes_without_state, plan.limits.most_bytes)
         self._backlog = Backlog()
-        self._halted = False  # where it was, as the epoch was given up
         self._took_over = False  # from a process that has died
         self._reached = 0  # the generation that process may have got to
         self._put_off: list[Reason] = []  # stops to propose, once this cell has got there too
@@ -136,7 +135,7 @@ class Cell:
                 if self._backlog:
                     self._catch_up(self.generations, actions)
         except EvaluationFailed as error:
-            self._end("failed", str(error), actions)
+            self._end(actions, str(error))
         except Exception as error:  # a mistake in this program, which ends the process
             error.add_note(self.told())
             raise
@@ -149,7 +148,7 @@ class Cell:
         try:
             self._append_actions(self.generations, (), actions)
         except EvaluationFailed as error:
-            self._end("failed", str(error), actions)
+            self._end(actions, str(error))
         return actions
 
     def hear(self, news: Sequence[Message]) -> list[Action]:
@@ -215,8 +214,7 @@ class Cell:
                 self._begin(event, actions)
             elif isinstance(event, Halt):
                 if self.state == "running":
-                    self._halted = True
-                    self._end("stopped", None, actions)
+                    self._end(actions, halted=True)
             elif isinstance(event, Propose):
                 self._put_off.append(event.reason)
             else:
@@ -315,7 +313,7 @@ class Cell:
         if size:
             actions.append(self._outbox.with_state[:size].tobytes() if has_state else self._outbox.latest())
         if flags & STOPS:
-            self._end("stopped", None, actions)
+            self._end(actions)
 
     def _handle_flags(
         self, flags: int, generations: Generations, news: Sequence[Message], actions: list[Action]
@@ -333,10 +331,10 @@ class Cell:
         if flags & (REACHED | STALLED):
             self.rows.note_proposal(0, "target" if flags & REACHED else "stall")
 
-    def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:
+    def _end(self, actions: list[Action], error: str | None = None, *, halted: bool = False) -> None:
         """Stop or fail, and report; a cell that failed may have no deme, so its report holds none."""
-        self.state = state
         sound = error is None
+        self.state = "stopped" if sound else "failed"
         actions.append(
             Report(
                 cell=self.number,
@@ -355,7 +353,7 @@ class Cell:
                 state=reported(self.rows.problems[0]) if sound else b"",
                 error=error,
                 infeasible=self.plan.infeasible,
-                halted=self._halted,
+                halted=halted,
             )
         )
 
