@@ -293,7 +293,7 @@ BUGS = (
     Bug(
         "a cell that a dead coordinator has halted counts as one that has ended",
         "coordinator.jobs.running",
-        "elif job.epoch.has_halted_cells:",
+        "elif message.report.halted and message.epoch == job.epoch.number:",
         "elif False:",
     ),
     Bug(

@@ -3,7 +3,7 @@
 _PATIENCE = 1.0  # s that a cell waits at least
 _USUALLY = 4  # times as long as it usually takes; on a busy machine each exchange may take seconds
 _LEAST_USUAL = 0.01  # s
-# Cells that wait ask less and less often, but at least so often: a neighbour may have been cut off, and be back.
+# A cell that waits asks less and less often, up to this pause: a neighbour may have been cut off, and be back.
 _LONGEST_PAUSE = 5.0  # s
 # A process that takes a dead one's place misses what its neighbours send before they know that it listens, and a
 # neighbour that is new itself has nothing to answer with before it has begun. So it soon asks again, for a while.
@@ -42,7 +42,10 @@ class Patience:
         self.due = min(self.due, now + self._patience)
 
     def is_over(self, now: float, waits_since: float) -> bool:
-        """Return whether the cell should ask now; if it goes on waiting, it is due less and less often."""
+        """Return whether the cell should ask now; else, or if it goes on waiting, it is due later.
+
+        Each pause is as long as the wait before it, but not longer than `_LONGEST_PAUSE`, or the patience if that is.
+        """
         waited, patience = now - waits_since, self._patience
         self.due = now + max(patience - waited, min(waited, max(patience, _LONGEST_PAUSE)))
         return waited >= patience

@@ -103,7 +103,10 @@ class MovedError(Exception):
 
 
 class HaltedError(Exception):
-    """Cells are halted in the latest epoch, by a coordinator that died before it could begin another one."""
+    """Cells are halted in the latest epoch, and who halted them did not begin another one.
+
+    That was a coordinator that died, or this one, which was interrupted by a death and let the dead go on exactly.
+    """
 
 
 class _ReturnedError(Exception):

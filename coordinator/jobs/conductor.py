@@ -77,7 +77,7 @@ class Conductor:
         self._seconds = 0.0
         self._preparing = Preparing(self.job, checked)
         self._resuming = Resuming(self.job, self._preparing)
-        self._replacing = Replacing(self.job, self._preparing, self._resuming)
+        self._replacing = Replacing(self.job, self._preparing, self._resuming, eval_timeout)
         self._changing = Changing(self.job, self._preparing, self._replacing)
         checkpointing = Checkpointing(self.job, adopted is None and entry.spec.checkpoint is None)
         self._running = Running(self.job, self._changing, checkpointing, eval_timeout)

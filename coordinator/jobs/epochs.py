@@ -93,19 +93,14 @@ class Epoch:
         return len(self.reports) == self.cells
 
     @property
-    def halted(self) -> bool:
-        """Whether a node died in this epoch, so that the conductor had to halt the other cells."""
-        return bool(self.dead)
-
-    @property
     def has_halted_cells(self) -> bool:
-        """Whether some cell has halted where it was: the job can only go on in another epoch then."""
-        return any(report.halted for report in self.reports.values())
+        """Whether some living cell has halted where it was: the job can only go on in another epoch then."""
+        return any(report.halted for cell, report in self.reports.items() if cell not in self.dead)
 
     @property
     def settled(self) -> bool:
         """Whether all cells have stopped in this epoch, or are halted because a node died."""
-        return self.stopped or self.halted
+        return self.stopped or bool(self.dead)
 
     @property
     def last_demes(self) -> dict[int, bytes]:

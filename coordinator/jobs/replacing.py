@@ -7,10 +7,10 @@ from typing import Any
 
 import topologies
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.calls import ASK_AGAIN, RefusedError, ReplacedError, Reported
+from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, RefusedError, ReplacedError, Reported
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
-from coordinator.jobs.job import Placement, Replaced, Returned
+from coordinator.jobs.job import Placement, Replaced, Returned, StopRequest
 from coordinator.jobs.preparing import Preparing
 from coordinator.jobs.recovering import Recovering, looks
 from coordinator.jobs.resuming import Resuming
@@ -33,12 +33,14 @@ class Replacing:
         job: the job.
         preparing: prepares the epoch that begins after a death.
         resuming: lets the job go on from its latest checkpoint if all nodes have died.
+        eval_timeout: how many seconds an evaluation may go on once the job is stopped.
     """
 
-    def __init__(self, job: ConductedJob, preparing: Preparing, resuming: Resuming) -> None:
+    def __init__(self, job: ConductedJob, preparing: Preparing, resuming: Resuming, eval_timeout: float) -> None:
         self._job = job
         self._preparing = preparing
         self._resuming = resuming
+        self._eval_timeout = eval_timeout
         self._recovering = Recovering(job, preparing)
         self._spy_is_new = False  # the spy was replaced and does not know this job yet
 
@@ -102,7 +104,7 @@ class Replacing:
         self._replace_the_dead()
 
     def go_on_from_a_halt(self) -> None:
-        """Begin another epoch: the coordinator before this one had halted cells, and died before it could begin it."""
+        """Begin another epoch, since cells are halted in the latest one; see `HaltedError`."""
         self._replace_the_dead()
 
     @property
@@ -169,22 +171,30 @@ class Replacing:
         Raises:
             ReplacedError: if another process dies meanwhile.
             ClusterFailed: if a cell fails, or they take too long.
+            GivenUpError: if the job is stopped, but some evaluation does not end.
         """
         # Cells that only move, or get others beside them, halt after a generation, however long that takes.
         until = time.monotonic() + (_HALTED_WITHIN if epoch.dead else math.inf)
+        stop = self._job.stop_request
+        stop_until = math.inf if stop is None else time.monotonic() + self._eval_timeout
         again = 0.0  # when to send the command (0.0: now)
         aside = []
         try:
             while not others <= epoch.reports.keys():
                 now = time.monotonic()
+                if stop is not None and now >= stop_until:
+                    self._job.dispatch.end_silent(self._job.nodes, self._eval_timeout)
+                    raise GivenUpError(stop)
                 if now >= until:
                     raise ClusterFailed("the cells did not halt after a node had died")
                 if now >= again:
                     self._halt()
                     again = now + _HALTED_WITHIN
-                message = self._job.calls.next(again)
+                message = self._job.calls.next(min(again, stop_until))
                 if isinstance(message, Replaced):
                     raise ReplacedError(message)
+                if isinstance(message, StopRequest) and stop is None:
+                    stop, stop_until = message, time.monotonic() + self._eval_timeout
                 if isinstance(message, Returned):  # it may have missed the command
                     again = min(again, time.monotonic() + ASK_AGAIN)
                 if not isinstance(message, Reported):
@@ -221,9 +231,7 @@ class Replacing:
         donors |= {cell: _deme_donor((cell % before.cells,), before) for cell in range(before.cells, topology.cells)}
         donors |= {cell: cell for cell in states}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
-        dead = ", ".join(map(str, sorted(before.dead)))
-        alive = "on other nodes" if self._is_moving else "since cells are halted"
-        job.entry.spec.say(f"another epoch begins, {f'without the processes of cells {dead}' if dead else alive}")
+        job.entry.spec.say(f"another epoch begins, {self._reason()}")
         why = {
             "do": "replace",
             "demes_of": {str(cell): donor for cell, donor in donors.items()},
@@ -246,6 +254,12 @@ class Replacing:
         for node in sorted(left):
             job.calls.tell(job.keys.control(node), Drop(job.number))
         job.unsent_stop = job.stop_request  # a stop in the halted epoch does not hold in this one
+
+    def _reason(self) -> str:
+        """Return, for people, why another epoch begins."""
+        if dead := ", ".join(map(str, sorted(self._job.epoch.dead))):
+            return f"without the processes of cells {dead}"
+        return "on other nodes" if self._is_moving else "since cells are halted"
 
     def _start_over(self) -> None:
         """Go on from the latest checkpoint of this epoch: no node is left that has the demes of the job.

@@ -42,7 +42,7 @@ class Running:
         Raises:
             ReplacedError: if a process died and was replaced meanwhile.
             MovedError: if cells are to go on on other nodes.
-            HaltedError: if cells are halted, though nobody here has told them.
+            HaltedError: if cells are halted in the latest epoch, so that another one must begin.
             ClusterFailed: if the job cannot continue.
             GivenUpError: if it was stopped, but cells go on: their evaluation does not end.
         """
@@ -65,7 +65,7 @@ class Running:
                     self._ask_at = time.monotonic() + ASK_AGAIN if is_latest else self._ask_at
                 elif (error := job.note(message.epoch, message.report)) is not None:
                     return error
-                elif job.epoch.has_halted_cells:
+                elif message.report.halted and message.epoch == job.epoch.number:
                     raise HaltedError
             else:
                 self._attend_to(message)

@@ -8,8 +8,11 @@ import topologies
 from problems.run import MOST_GENERATIONS
 from supernode.chaos.simulated.network import Weather
 from supernode.chaos.simulated.plans import (
+    AFTER,
+    LATENCIES,
     NEIGHBOUR,
     PROPOSER,
+    SHORTEST_WORK,
     Fault,
     Plan,
     PlannedHost,
@@ -19,16 +22,13 @@ from supernode.chaos.simulated.plans import (
 from supernode.chaos.simulated.situations import situation
 
 _TOPOLOGIES = ("torus 2x2", "torus 2x3", "torus 3x3", "torus 3x4", "torus 4x4")
-_LATENCIES = (0.2e-3, 1e-3, 4e-3)  # seconds
 _SPECIAL = ("spy", "router", "coordinator")
 _LENGTHS = (1.0, 8.0)  # seconds of faults
 _STEPS = (500, 4000)  # generations of all cells of a job together
 _MOST_FAULTS = 14
 _HOST_AWAY = 12.0  # seconds, at most
-_SHORTEST_WORK = 0.1e-3  # seconds
 _SOON = 0.2  # seconds, in the mean
 _MOST_QUESTIONS = 40  # of coordinators; a trial has some tens
-_AFTER = 3.0  # latencies, in the mean
 _STEPS_OF_JOBS = ("prepare", "begin", "halt", "look", "tell states", "propose stop", "finish", "drop")
 _MOST_OF_A_KIND = 3  # questions of a kind of which one is met
 _OUTLASTS = (2.0, 5.0)  # how many times as slow a job is that is to outlast the faults
@@ -41,7 +41,7 @@ def drawn(seed: int) -> Plan:
         return plan
     draw = random.Random(f"plan {seed}")
     topology = draw.choice(_TOPOLOGIES)
-    latency, length = draw.choice(_LATENCIES), draw.uniform(*_LENGTHS)
+    latency, length = draw.choice(LATENCIES), draw.uniform(*_LENGTHS)
     # A job has some thousand steps at most, to bound what a trial costs; so its steps are slow enough to meet faults.
     first = _drawn_job(draw, topology)
     takes = length * draw.uniform(0.5, 1.5) / first.generations - (3 * latency if first.mode == "lockstep" else 0.0)
@@ -73,7 +73,7 @@ def drawn(seed: int) -> Plan:
     slow = random.Random(f"slow {seed}")
     takes *= slow.uniform(*_OUTLASTS) if slow.random() < (0.7 if cut else 0.15) else 1.0
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
-    return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(_SHORTEST_WORK, takes), ordered)
+    return Plan(seed, topology, hosts, tuple(jobs), tuple(requests), latency, max(SHORTEST_WORK, takes), ordered)
 
 
 def _brought_together(draw: random.Random, faults: list[Fault], others: list[float]) -> list[Fault]:
@@ -102,7 +102,7 @@ def _ambushes(draw: random.Random, nodes: int, latency: float) -> list[Fault]:
         killed = [draw.choice(_SPECIAL)] if draw.random() < 0.3 else killed
         upon = "question" if draw.random() < 0.75 else "proposal"
         count = draw.randint(1, _MOST_QUESTIONS if upon == "question" else 2)
-        at = draw.expovariate(1.0 / (_AFTER * latency))
+        at = draw.expovariate(1.0 / (AFTER * latency))
         found += [Fault(at, "kill", whom, upon=upon, count=count) for whom in killed]
     return found
 
@@ -116,7 +116,7 @@ def _ambushes_of_steps(draw: random.Random, nodes: int, latency: float, hosts: t
             killed = draw.choice(((PROPOSER,), (PROPOSER, NEIGHBOUR), (NEIGHBOUR,)))
             found += [Fault(at, "kill", whom, upon="proposal", count=count) for whom in killed]
         else:
-            at, count = draw.expovariate(1.0 / (_AFTER * latency)), draw.randint(1, _MOST_OF_A_KIND)
+            at, count = draw.expovariate(1.0 / (AFTER * latency)), draw.randint(1, _MOST_OF_A_KIND)
             faults = _drawn_faults_in_a_step(draw, nodes, hosts)
             upon = draw.choice(_STEPS_OF_JOBS)
             found += [replace(fault, at=at, upon=upon, count=count) for fault in faults]
@@ -162,7 +162,7 @@ def _killed_as_it_moves(
         return []
     at, seconds = draw.uniform(0.0, length), draw.uniform(0.5, 5.0)
     leaves = [Fault(at, "leave", host.name, seconds) for host in hosts[: draw.choice((1, 2))]]
-    soon, upon = draw.expovariate(1.0 / (_AFTER * latency)), draw.choice(("halt", "prepare"))
+    soon, upon = draw.expovariate(1.0 / (AFTER * latency)), draw.choice(("halt", "prepare"))
     return [*leaves, Fault(soon, "kill", f"node {draw.randrange(nodes)}", upon=upon, count=draw.randint(1, 4))]
 
 

@@ -50,7 +50,9 @@ class Invariants:
         self._broken = broken
         self.faults_end = math.inf
         self._seen: set[str] = set()
-        self._since: dict[tuple[str, object], float] = {}  # what should not last and whom it is with, since when
+        # What should not last, and with whom it is so, since when: as of the look before, and of this one.
+        self._lasted: dict[tuple[str, object], float] = {}
+        self._lasting: dict[tuple[str, object], float] = {}
         self._reached: dict[int, tuple[int, int]] = {}  # by job, how far its cells are
         self._begun: WeakKeyDictionary[NodeProcess, _Begun] = WeakKeyDictionary()
 
@@ -92,6 +94,7 @@ class Invariants:
             if asked.result is not None and not self._has_lost_a_host(asked):
                 self._told(asked, asked.result)
                 self._changed(asked, asked.result)
+                self._is_whole(asked, asked.result)
                 self._repeats(asked, asked.result)
 
     def _complain(self, text: str) -> None:
@@ -106,6 +109,7 @@ class Invariants:
         A coordinator that takes over while all hosts of a job are cut off lets it begin again elsewhere. Nobody can end
         its cells on those hosts until they are back; until then the two do not meet.
         """
+        self._lasted, self._lasting = self._lasting, {}
         self._numbers()
         self._begin_once()
         on: dict[tuple[int, int, int], list[int]] = defaultdict(list)
@@ -127,19 +131,19 @@ class Invariants:
         self._wait_for_nothing(epochs.keys())
 
     def _lasts(self, what: str, whom: object, is_so: bool, limit: float) -> bool:
-        """Return whether something ``is_so`` for longer than the limit, once the faults are over. Ask at each look."""
-        if not is_so:
-            self._since.pop((what, whom), None)
-            return False
-        now = self._world.now
-        return now - max(self._since.setdefault((what, whom), now), self.faults_end) > limit
+        """Return whether this has been so for longer than the limit, at each look since the faults were over."""
+        now, key = self._world.now, (what, whom)
+        if is_so:
+            self._lasting[key] = self._lasted.get(key, now)
+        return is_so and now - max(self._lasting[key], self.faults_end) > limit
 
     def _goes_on(self, job: int) -> None:
         """Once the faults are over, the cells of a job never stand still for long."""
         running = [each for _, each in self._running() if each.job == job]
         far = max(each.epoch for each in running), sum(each.cell.rows.generation for each in running)
-        is_as_before, self._reached[job] = far == self._reached.get(job), far
-        if self._lasts("stands still", job, is_as_before, _STANDS_STILL):
+        before = self._reached.get(job)
+        self._reached[job] = far
+        if self._lasts("stands still", job, far == before, _STANDS_STILL):
             self._complain(f"job {job} stands still")
 
     def _wait_for_nothing(self, running: Collection[int]) -> None:
@@ -217,6 +221,13 @@ class Invariants:
         if asked.changed - done:
             self._complain(f"{asked.id}: {sorted(asked.changed)} were answered, but its directives are {sorted(done)}")
 
+    def _is_whole(self, asked: Asked, result: dict[str, Any]) -> None:
+        """A job that is exhausted has bred all its generations; in async mode those before an update are not known."""
+        done, run = {each["do"] for each in result["directives"]}, asked.file.run
+        is_known = "restart" not in done and (run.mode == "lockstep" or "update" not in done)
+        if asked.status == "exhausted" and is_known and result["generations"] < run.generations:
+            self._complain(f"{asked.id} has ended after {result['generations']} generations, for no reason")
+
     def _repeats(self, asked: Asked, result: dict[str, Any]) -> None:
         """A result in lockstep is that of a replay, so all cells have stopped after the same generation.
 
@@ -227,8 +238,6 @@ class Invariants:
         done = {each["do"] for each in result["directives"]}
         if asked.file.run.mode != "lockstep" or "restart" in done or not result["generations"]:
             return
-        if asked.status == "exhausted" and result["generations"] < asked.file.run.generations:
-            self._complain(f"{asked.id} has ended after {result['generations']} generations, for no reason")
         if result["history_sha256"] is None and (done & _OF_DEATHS or self._may_lose_histories):
             return
         expected = _expected(_Key(asked.file), json.dumps(result["directives"], sort_keys=True))

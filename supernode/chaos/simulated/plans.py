@@ -13,6 +13,9 @@ _LEAST_LOST = 9.5  # seconds; a host counts as gone a little later
 _BACK_WITHIN = 1.0  # seconds from the end of a fault until a process is surely seen again
 DRAINED_WITHIN = 25.0
 """Seconds from SIGTERM until a host ends whatever jobs need."""
+LATENCIES = (0.2e-3, 1e-3, 4e-3)  # seconds, one for each trial
+AFTER = 3.0  # latencies from an event to a fault that waits for it, in the mean
+SHORTEST_WORK = 0.1e-3  # seconds of a generation
 PROPOSER, NEIGHBOUR = "the proposer", "a neighbour of the proposer"
 
 

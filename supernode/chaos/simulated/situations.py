@@ -5,20 +5,26 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import topologies
-from supernode.chaos.simulated.plans import Fault, Plan, PlannedHost, PlannedJob, PlannedRequest
+from supernode.chaos.simulated.plans import (
+    AFTER,
+    LATENCIES,
+    SHORTEST_WORK,
+    Fault,
+    Plan,
+    PlannedHost,
+    PlannedJob,
+    PlannedRequest,
+)
 
 _SHARE = 0.2  # of all trials
-_LATENCIES = (0.2e-3, 1e-3, 4e-3)  # seconds
 _TOPOLOGIES = ("torus 2x3", "torus 3x3")
 _SMALL = "torus 2x2"  # leaves nodes to move to
-_AFTER = 3.0  # latencies from an event to what follows it, in the mean
 _FIRST = (0.3, 2.5)  # seconds until the first thing happens
 _LASTS = (0.7, 1.5)  # times as long as the situation
 _GENERATIONS = (100, 300)
-_SHORTEST_WORK = 0.1e-3  # seconds
 _HOST_STARTS_WITHIN = 0.02  # seconds until a host has its numbers, and its nodes are seen
 _GONE = 40.0  # seconds; a host counts as gone after ten
-_FIRST_OF_A_CHANGE = 3  # the number of the first question to prepare that is not for a job's first epoch, of two
+_FIRST_OF_A_CHANGE = 3  # of the questions to prepare: a job's first epoch takes two, to its nodes and to the spy
 
 
 class _Moment(NamedTuple):
@@ -41,7 +47,7 @@ class _Situation(NamedTuple):
         faults: in any order.
         requests: of the client.
         hosts: empty if one zygote launches all nodes.
-        seconds: how long the job should last at least, about.
+        seconds: how long the job should last, about.
     """
 
     topology: str
@@ -57,13 +63,13 @@ def situation(seed: int) -> Plan | None:
     if draw.random() >= _SHARE:
         return None
     (make,) = draw.choices(tuple(_WEIGHTS), weights=tuple(_WEIGHTS.values()))
-    latency = draw.choice(_LATENCIES)
-    found = make(draw, _Moment(draw.uniform(*_FIRST), draw.expovariate(1.0 / (_AFTER * latency))))
+    latency = draw.choice(LATENCIES)
+    found = make(draw, _Moment(draw.uniform(*_FIRST), draw.expovariate(1.0 / (AFTER * latency))))
     mode = "lockstep" if draw.random() < 0.75 else "async"
     generations = draw.randint(*_GENERATIONS)
     job = PlannedJob(0.0, found.topology, mode, draw.randrange(4), draw.choice((1, 4)), generations, seconds=None)
     exchange = 3 * latency if mode == "lockstep" else 0.0
-    work = max(_SHORTEST_WORK, found.seconds * draw.uniform(*_LASTS) / generations - exchange)
+    work = max(SHORTEST_WORK, found.seconds * draw.uniform(*_LASTS) / generations - exchange)
     faults = tuple(sorted(found.faults, key=lambda fault: fault.at))
     return Plan(seed, found.topology, tuple(found.hosts), (job,), tuple(found.requests), latency, work, faults)
 
@@ -148,7 +154,7 @@ def _death_beside_nodes_that_are_cut_off(draw: random.Random, when: _Moment) -> 
 
 
 def _change_before_all_have_begun(draw: random.Random, when: _Moment) -> _Situation:
-    """A node, or a host, is cut off as its job begins, and comes back as a change of the job is prepared."""
+    """A node, or a host, is cut off as its job begins, and perhaps comes back as a change of the job is prepared."""
     topology = draw.choice(_TOPOLOGIES)
     hosts = _perhaps_hosts(draw, topology)
     node = f"node {draw.randrange(topologies.parse(topology).cells)}"
@@ -160,7 +166,10 @@ def _change_before_all_have_begun(draw: random.Random, when: _Moment) -> _Situat
 
 
 def _host_ends_as_it_starts(draw: random.Random, when: _Moment) -> _Situation:
-    """A host is told to end before its nodes are seen, for which a job waits."""
+    """A host is told to end before its nodes are seen, for which a job waits.
+
+    A cluster of hosts is ready at once, so the times of faults and of hosts count from the same moment.
+    """
     hosts = _hosts(draw, 4, 2)
     last = max(hosts, key=lambda host: host.at)
     ends = last.at + draw.uniform(0.0, _HOST_STARTS_WITHIN)

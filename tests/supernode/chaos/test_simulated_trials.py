@@ -91,8 +91,21 @@ def test_a_job_whose_coordinator_dies_as_it_moves_does_not_end_where_its_cells_w
     deaths = (Fault(5e-3, "kill", whom, upon=step, count=count) for whom in killed)
     faults = (Fault(2.0, "leave", "h0", 2.0), *cut, *deaths)
     outcome = run(Plan(1, "torus 2x3", hosts, (job,), (), latency=1e-3, work=2e-2, faults=faults), file)
-    assert f"kill coordinator after {step} {count}" in "\n".join(outcome.log)
+    log = "\n".join(outcome.log)
+    assert f"kill coordinator after {step} {count}" in log
+    assert "another epoch begins, since cells are halted" in log
     assert not outcome.broken, in_words(outcome)
+
+
+def test_a_job_that_is_cancelled_as_it_moves_ends_though_one_of_its_nodes_does_not_answer(file):
+    """As in an evaluation that does not end; the others are halted, and wait for that one to halt."""
+    hosts = tuple(PlannedHost(0.1 + 0.1 * place, f"h{place}", 2, "") for place in (0, 1, 2))
+    job = PlannedJob(0.0, "torus 2x2", "lockstep", seed=1, deme=4, generations=10**6, seconds=None)
+    faults = Fault(1.9, "stop", "node 3", 200.0), Fault(2.0, "leave", "h0", 2.0)
+    cancel = PlannedRequest(3.0, "cancel", 0)
+    outcome = run(Plan(1, "torus 2x3", hosts, (job,), (cancel,), latency=1e-3, work=2e-2, faults=faults), file)
+    (ended,) = (line for line in outcome.log if "client: job-0 is cancelled" in line)
+    assert float(ended.split()[0]) < 100.0  # seconds: 60 from when h0 is gone
 
 
 @pytest.mark.parametrize("seconds", [0.005, 0.012])
