@@ -238,8 +238,10 @@ class Invariants:
         done = {each["do"] for each in result["directives"]}
         if asked.file.run.mode != "lockstep" or "restart" in done or not result["generations"]:
             return
-        if result["history_sha256"] is None and (done & _OF_DEATHS or self._may_lose_histories):
-            return
+        if result["history_sha256"] is None:
+            if not (done & _OF_DEATHS or self._may_lose_histories):
+                self._complain(f"{asked.id}: its history is not known")
+            return  # a replay may not end, without the stop that some cells have not told
         expected = _expected(_Key(asked.file), json.dumps(result["directives"], sort_keys=True))
         if isinstance(expected, str):
             self._complain(f"{asked.id}: it cannot be repeated: {expected}")
