@@ -177,7 +177,7 @@ def test_a_command_shows_the_events_and_counts_trials(capsys):
     assert out.endswith("2 trials, something was lost in 0\n")
 
 
-BUGS = ("reports that a dead router", "a coordinator that takes over takes all nodes")
+BUGS = ("reports that a dead router", "a coordinator that takes over takes all nodes", "a node that does not answer")
 
 
 @pytest.mark.parametrize("bug", planted_bugs.BUGS, ids=lambda bug: bug.name)
