@@ -5,7 +5,6 @@ import os
 import queue
 import re
 import resource
-import signal
 import threading
 import time
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from wire.keys import Keys
 from wire.members import BadMemberError, Identity
 from wire.news import LogRecord
 
-_LOOK_AGAIN = 0.5  # seconds between two looks whether the keys or the list of members have changed
+_LOOK_AGAIN = 0.5  # seconds between two looks: for signals, and whether the keys or the list of members have changed
 _MOST_UNPUBLISHED = 1000  # lines about refusals
 _SAME_PORT_WITHIN = 10.0  # seconds in which a port is free again that this process had
 
@@ -52,7 +51,9 @@ def route(
     os.close(ready)
     if identity is None:
         while not router.session.is_closed():
-            signal.pause()
+            # Not `signal.pause`: Python handles a signal on this thread, also one that the kernel gave to another one
+            # of the process. That one ends no pause, and the router outlived whoever had started it.
+            time.sleep(_LOOK_AGAIN)
     else:
         router.renew_for_ever()
 
