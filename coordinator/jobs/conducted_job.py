@@ -3,9 +3,9 @@
 import threading
 from collections import deque
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NoReturn, Protocol
 
-from coordinator.jobs.calls import Calls
+from coordinator.jobs.calls import Calls, GivenUpError
 from coordinator.jobs.consulting import Consulting
 from coordinator.jobs.epochs import Epoch, Epochs
 from coordinator.jobs.job import Change, JobEntry, Placement, StopRequest
@@ -150,6 +150,15 @@ class ConductedJob:
         if best is None or (best.epoch < epoch.number and do == "update"):
             return None
         return best if do == "retry" else best.carried_to(epoch.number)
+
+    def give_up(self, stop: StopRequest, seconds: float) -> NoReturn:
+        """End the processes whose cells have told nothing for so many seconds since a stop.
+
+        Raises:
+            GivenUpError: always.
+        """
+        self.dispatch.end_silent(self.nodes, seconds)
+        raise GivenUpError(stop)
 
     def pass_on_histories(self) -> None:
         """Report the improvements of epochs that have ended; called before each new epoch and at the end of the job."""

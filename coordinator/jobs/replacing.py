@@ -7,7 +7,7 @@ from typing import Any
 
 import topologies
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, RefusedError, ReplacedError, Reported
+from coordinator.jobs.calls import ASK_AGAIN, RefusedError, ReplacedError, Reported
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement, Replaced, Returned, StopRequest
@@ -183,8 +183,7 @@ class Replacing:
             while not others <= epoch.reports.keys():
                 now = time.monotonic()
                 if stop is not None and now >= stop_until:
-                    self._job.dispatch.end_silent(self._job.nodes, self._eval_timeout)
-                    raise GivenUpError(stop)
+                    self._job.give_up(stop, self._eval_timeout)
                 if now >= until:
                     raise ClusterFailed("the cells did not halt after a node had died")
                 if now >= again:

@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 
-from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, HaltedError, MovedError, ReplacedError, Reported, StatesTold
+from coordinator.jobs.calls import ASK_AGAIN, HaltedError, MovedError, ReplacedError, Reported, StatesTold
 from coordinator.jobs.changing import Changing
 from coordinator.jobs.checkpointing import Checkpointing
 from coordinator.jobs.conducted_job import ConductedJob
@@ -78,8 +78,7 @@ class Running:
             self._ask_at = None
             self._ask_again()
         if self._give_up_at is not None and time.monotonic() >= self._give_up_at and job.stop_request is not None:
-            job.dispatch.end_silent(job.nodes, self._eval_timeout)
-            raise GivenUpError(job.stop_request)
+            job.give_up(job.stop_request, self._eval_timeout)
         self._checkpointing.look()
         job.oracle.look()
         if job.oracle.is_hopeless and job.stop_request is None:

@@ -40,7 +40,7 @@ class _Moment(NamedTuple):
 
 
 class _Situation(NamedTuple):
-    """What happens.
+    """What happens in one of the situations.
 
     Attributes:
         topology: of the job.
@@ -89,7 +89,7 @@ def _perhaps_hosts(draw: random.Random, topology: str) -> list[PlannedHost]:
 
 
 def _change_after_another_was_prepared(draw: random.Random, when: _Moment) -> _Situation:
-    """The coordinator dies as it has prepared another topology, and the next one is asked for an update first."""
+    """Let the coordinator die as it has prepared another topology, and ask the next one for an update first."""
     topology = draw.choice(_TOPOLOGIES)
     requests = (
         PlannedRequest(when.at, "rewire", 0),
@@ -101,7 +101,7 @@ def _change_after_another_was_prepared(draw: random.Random, when: _Moment) -> _S
 
 
 def _moves_before_and_after_a_takeover(draw: random.Random, when: _Moment) -> _Situation:
-    """The second move needs ports of which only the coordinator before knew whether they are free."""
+    """Move a job again after a takeover: only the coordinator before knew which ports are free."""
     hosts = _hosts(draw, draw.choice((6, 8, 9)), draw.choice((3, 4)), may_be_apart=False)
     faults, requests = [], []
     if draw.random() < 0.5:
@@ -116,7 +116,7 @@ def _moves_before_and_after_a_takeover(draw: random.Random, when: _Moment) -> _S
 
 
 def _coordinator_dies_as_a_job_moves(draw: random.Random, when: _Moment) -> _Situation:
-    """Its cells are halted, or others are prepared; perhaps a node dies too, or there is nowhere to go for a while."""
+    """Let the coordinator die as cells are halted to move; perhaps a node dies too, or there is nowhere to go."""
     hosts = _hosts(draw, draw.choice((6, 8, 9)), draw.choice((3, 4)))
     upon = draw.choice(("halt", "prepare"))
     count = draw.choice((1, 2)) if upon == "halt" else _FIRST_OF_A_CHANGE + draw.choice((0, 1, 2, 3))
@@ -131,7 +131,7 @@ def _coordinator_dies_as_a_job_moves(draw: random.Random, when: _Moment) -> _Sit
 
 
 def _change_while_a_host_is_gone(draw: random.Random, when: _Moment) -> _Situation:
-    """A host stays away for so long that it counts as gone, and a change of its job waits for it."""
+    """Keep a host away for so long that it counts as gone, and have a change of its job wait for it."""
     topology = draw.choice((*_TOPOLOGIES, _SMALL))
     hosts = _hosts(draw, max(6, topologies.parse(topology).cells), draw.choice((2, 3)))
     gone = draw.choice(hosts).name
@@ -141,7 +141,7 @@ def _change_while_a_host_is_gone(draw: random.Random, when: _Moment) -> _Situati
 
 
 def _death_beside_nodes_that_are_cut_off(draw: random.Random, when: _Moment) -> _Situation:
-    """No state of the dead cell can be got for a while; perhaps another node dies, or the coordinator, as it is."""
+    """Kill a node while nobody can be asked for its state, and another one, or the coordinator, as cells halt."""
     topology = draw.choice(("torus 3x3", "torus 3x4", "torus 4x4"))
     torus = topologies.parse(topology)
     dead, seconds = draw.randrange(torus.cells), draw.uniform(3.5, 14.0)
@@ -154,7 +154,7 @@ def _death_beside_nodes_that_are_cut_off(draw: random.Random, when: _Moment) -> 
 
 
 def _change_before_all_have_begun(draw: random.Random, when: _Moment) -> _Situation:
-    """A node, or a host, is cut off as its job begins, and perhaps comes back as a change of the job is prepared."""
+    """Cut off a node, or a host, as its job begins; it may come back as a change of the job is prepared."""
     topology = draw.choice(_TOPOLOGIES)
     hosts = _perhaps_hosts(draw, topology)
     node = f"node {draw.randrange(topologies.parse(topology).cells)}"
@@ -166,7 +166,7 @@ def _change_before_all_have_begun(draw: random.Random, when: _Moment) -> _Situat
 
 
 def _host_ends_as_it_starts(draw: random.Random, when: _Moment) -> _Situation:
-    """A host is told to end before its nodes are seen, for which a job waits.
+    """Tell a host to end before its nodes are seen, for which a job waits.
 
     A cluster of hosts is ready at once, so the times of faults and of hosts count from the same moment.
     """
